@@ -254,8 +254,8 @@ class Attribution:
             return True
         if phase is Phase.RUNNING:
             return outcome not in inherited
-        # before the answer, this may be the end of an earlier goal; if it is the end of this goal, a
-        # poll finds it later
+        # before the answer, this may be the end of an earlier goal; that of this goal is found by a
+        # later poll
         return not inherited
 
 

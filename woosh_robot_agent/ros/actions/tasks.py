@@ -231,7 +231,7 @@ class TaskGoal:
         self._previous = last_reports.get(self._id)
         """The last report on an earlier task of this id."""
         self._since = 0
-        """Time of the last report, by the robot's clock; 0 if unknown, or if it was on this task."""
+        """Time of the last report on another task, by the robot's clock; 0 without one."""
         last = last_known.value(TaskProc) or TaskProc()
         is_current = last.robot_task_id == self._id
         if is_current:

@@ -187,6 +187,7 @@ def link_status(
     """Return the status of the link: its state, and counters of traffic and losses.
 
     Args:
+        chassis: the link.
         superseded: number of velocities that were not sent because they were out of date.
         longest_turns: longest turn of the link thread's event loop in the last minutes, and since
             the start, in seconds. Commands wait for the end of a turn.
@@ -256,9 +257,10 @@ class Diagnostics(Part):
         await self._subscribers.repeat(lambda: _RATE, self._publish)
 
     async def _publish(self, _now: float) -> None:
-        context, robot = self._context, self._context.robot
-        chassis, info = robot.chassis, robot.last_known.value(RobotInfo)
-        statuses = [link_status(chassis, robot.gate.superseded, robot.thread.longest_turns)]
+        context, robot_context = self._context, self._context.robot
+        chassis, info = robot_context.chassis, robot_context.last_known.value(RobotInfo)
+        superseded, turns = robot_context.gate.superseded, robot_context.thread.longest_turns
+        statuses = [link_status(chassis, superseded, turns)]
         hardware_id = ""
         if info is not None:
             hardware_id = str(info.robot_id or info.genral.serial_number)
@@ -276,7 +278,7 @@ class Diagnostics(Part):
                     status.texts.insert(0, "no link; last known values")
             statuses += of_robot
         statuses.append(agents_status(context.second_agent_detector))
-        prefix = robot.node.get_fully_qualified_name().lstrip("/")
+        prefix = robot_context.node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[each.message(prefix, hardware_id) for each in statuses])
         message.header.stamp = context.now()
         self._publisher.publish(message)

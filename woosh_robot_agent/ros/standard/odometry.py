@@ -317,7 +317,7 @@ class Odometry:
         self._received = -math.inf
         """Time of receipt of the last report."""
         self._sideways = 0.0
-        """Mean speed to the left between the last two reports, in m/s."""
+        """Mean speed to the left between the last two reports, in m/s; 0 after a silence."""
         self._map_id = 0
         """Id of the map of the last reported pose."""
         self._is_comparable = False

@@ -74,6 +74,7 @@ class PartContext:
         """Return a publisher for a topic in `standard_endpoints.BY_NAME`, for the link thread.
 
         Args:
+            name: name of the topic.
             subscribers: creates the publisher, and counts its subscribers too, so that work can
                 stop while there are none.
         """
@@ -100,12 +101,13 @@ class PartContext:
         """Subscribe to a topic in `standard_endpoints.BY_NAME`.
 
         Args:
+            name: name of the topic.
             callback: called with each message in the link thread; must not block.
             type_name: ROS type of the topic, if it differs from the type in that table.
-            in_executor: call `callback` in the executor thread instead.
-            with_info: call `callback` with each message, rclpy's information about it, and the
-                monotonic time at which it was taken from the middleware.
-            urgent: receive messages before all other callbacks (`UrgentCallbackGroup`).
+            in_executor: True to call `callback` in the executor thread instead.
+            with_info: True to call `callback` with each message, rclpy's information about it, and
+                the monotonic time at which it was taken from the middleware.
+            urgent: True to receive messages before all other callbacks (`UrgentCallbackGroup`).
         """
         endpoint = BY_NAME[name]
         call = partial(self._call if in_executor else self.robot.thread.call, callback)
@@ -123,9 +125,10 @@ class PartContext:
         """Create a service in `standard_endpoints.BY_NAME`.
 
         Args:
+            name: name of the service.
             handle: called with each request and its `Reply` in the executor thread; must not block.
                 The response may be sent later.
-            urgent: handle requests before all other callbacks (`UrgentCallbackGroup`).
+            urgent: True to handle requests before all other callbacks (`UrgentCallbackGroup`).
         """
         srv = class_of(BY_NAME[name].type, "srv")
         DeferredService(self.robot.node, srv, name, handle, urgent=urgent)

@@ -104,6 +104,7 @@ class _ValuePart(Part):
     A value that the ROS message cannot hold is skipped and counted.
 
     Args:
+        context: the objects that the parts share.
         name: name of the topic.
         proto_class: protobuf class of the value.
         convert: converts the value into a ROS message, or into a serialized one; raises ValueError
