@@ -31,9 +31,9 @@ class Odom(Part):
     moving robot has not reported for 0.3 s. After a second without a report the robot counts as
     standing, because a real robot reports only while it moves.
 
-    Without `odom_prediction`, each report is published once, at up to `odom_rate`, and the pose of a
-    standing robot is repeated. With `publish_tf`, `map` -> `odom` -> `base_link` is published with
-    each message. The stamp is always the current time.
+    Without `odom_prediction`, each report is published once, at up to `odom_rate`, and the pose of
+    a standing robot is repeated. With `publish_tf`, `map` -> `odom` -> `base_link` is published
+    with each message. The stamp is always the current time.
     """
 
     def __init__(self, context: PartContext) -> None:
