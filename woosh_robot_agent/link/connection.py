@@ -135,9 +135,10 @@ class Liveness:
         self._sent = sent
         self._now = asyncio.get_running_loop().time
         self._alive_at = self._now()
-        """Loop time of the last sign of life."""
+        """Loop time of the last sign of life, plus delays of this busy program since then."""
         self._accepted_at = self._now()
-        """Loop time at which the other end last accepted bytes, or no bytes were waiting."""
+        """Loop time at which the other end last accepted bytes, or no bytes were waiting, plus such
+        delays."""
         self._sent_before = sent()
         """Number of frames sent, at the last check."""
         self._backlog_before = 0

@@ -127,7 +127,7 @@ class LogOnce:
     def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
         self._logged: RecentDict[str, None] = RecentDict(_MAX_KINDS)
-        """The kinds of problems that were logged."""
+        """The kinds of problems that were logged, and not cleared since."""
 
     def warn(self, kind: str, text: str) -> None:
         """Log `text`: the first one of its kind at WARNING, the others at DEBUG, until cleared."""

@@ -268,7 +268,7 @@ class HttpConnection(asyncio.Protocol):
         self.lost: asyncio.Future[None] = loop.create_future()
         self._inner = inner
         self._unread = 0
-        """Number of bytes that arrived after the last message or ping of the WebSocket."""
+        """Number of bytes that arrived since a message or a ping was last read."""
         self._max_unread: int | None = None
         """Maximum of `_unread`; None until the handshake of a WebSocket."""
         self._open_timer = loop.call_later(open_timeout, lambda: abort_transport(self.transport))

@@ -164,7 +164,7 @@ class Subscriptions:
         self._preparing = False
         """True while a large RobotInfo is prepared; later pushes wait in the queue."""
         self._held: PushQueue | None = None
-        """Pushes and answers of a connection whose handshake is in progress."""
+        """Pushes and answers that arrive during a handshake; None after it."""
 
     def set_depth(self, depth: int) -> None:
         """Change the maximum number of queued pushes for each of `EVENT_PUSHES`."""

@@ -116,7 +116,8 @@ class StallWatch:
         self.ended = -math.inf
         self.duration = 0.0
         self._last = math.inf
-        """Loop time of the last heartbeat; inf before `start` and after `stop`."""
+        """Loop time of the last heartbeat, or of the end of a stall since; inf before `start` and
+        after `stop`."""
         self._timer: asyncio.TimerHandle | None = None
 
     def start(self) -> None:

@@ -160,7 +160,8 @@ class VelocityDriver:
         self._log_refusals = log_refusals
         self._log = LogOnce(_LOG)
         self._driving = False
-        """True if the last velocity that was sent was not zero."""
+        """True from a velocity that moves the robot until a zero, a stop, the end of the link, or
+        the timeout of the stream."""
         self._waiting: Twist | None = None
         """The velocity to send next."""
         self._received = -math.inf

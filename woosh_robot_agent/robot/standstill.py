@@ -178,7 +178,8 @@ class Standstill:
         self._rested = -math.inf
         """Loop time of the last stop, pause or cancel."""
         self._ends: RecentDict[int | str, float] = RecentDict(_MAX_ENDS)
-        """Loop times of the last reports of ends: of tasks by id, of actions by type."""
+        """Loop times of the last reports of ends: of tasks by id and by `_ANY_TASK`, of actions by
+        type."""
         gate.on_answered(self._answered)
         gate.on_stop(self._rest)
         chassis.on_state(self._link_changed)

@@ -121,7 +121,7 @@ class GiveUp:
         self._unknown_since = 0.0
         """Time of the first of these polls."""
         self._cancel_deadline = inf
-        """End of the wait after an accepted cancel; infinite if no cancel was accepted."""
+        """Time at which the wait after an accepted cancel ends; infinite without such a wait."""
 
     @property
     def deadline(self) -> float:

@@ -229,9 +229,10 @@ class TaskGoal:
         self.name = f"task {self._id}"
         predecessors = context.open_goals.possibly_running(self.name)
         self._previous = last_reports.get(self._id)
-        """The last report on an earlier task of this id."""
+        """The last report on a task of this id before this goal; None without one."""
         self._since = 0
-        """Time of the last report on another task, by the robot's clock; 0 without one."""
+        """Time of the last TaskProc before this goal, by the robot's clock; 0 without one, or if it
+        was on a task of this id."""
         last = last_known.value(TaskProc) or TaskProc()
         is_current = last.robot_task_id == self._id
         if is_current:

@@ -370,7 +370,7 @@ class Slot:
 
     def __init__(self) -> None:
         self._goals: list[Nav2Goal] = []
-        """The goals that have not ended, oldest first."""
+        """The last goal, and the goals that had not ended when it came; oldest first."""
 
     async def take(self, goal: Nav2Goal) -> None:
         """Let a goal run, and end the goals before it.

@@ -56,7 +56,7 @@ class GrowingMap:
         self._was_active = False
         """True from the first sign of a map that is being made until `on_end` is called."""
         self._body: Body | None = None
-        """The latest report, not decoded yet; None once `take` has returned it."""
+        """The latest report, not decoded yet; None once it is taken or outdated."""
         self._received = -math.inf
         """Loop time of the latest report; -inf while the robot makes no map."""
         chassis.on_snapshot(self._snapshot)

@@ -54,7 +54,7 @@ class Odom(Part):
         self._transforms: Any = self._blank_transforms() if settings.publish_tf else None
         """The TFMessage for /tf, reused for each message."""
         self._received = -math.inf
-        """Loop time of the last push."""
+        """Loop time of the last usable report."""
         self._last_forwarded = -math.inf
         """Loop time of the last push that was published without a prediction."""
         self._last_sent = -math.inf
