@@ -393,7 +393,7 @@ class ReconnectLoop:
     async def _run(self) -> None:
         """Connect, and reconnect while this is the current task."""
         this_task = asyncio.current_task()
-        if earlier := self._tasks - {this_task}:  # they are closing their connection
+        if earlier := self._tasks - {this_task}:  # cancelled tasks that close their connection
             await asyncio.wait(earlier)
         self._status.last_error = None
         backoff = Backoff(self.config.backoff_min, self.config.backoff_max)

@@ -153,7 +153,7 @@ class Subscriptions:
         self._consumers: dict[str, list[Consumer]] = {}
         """Consumers of pushes, by type."""
         self._snapshot_consumers: list[Consumer] = []
-        self._depths = {_ANSWER: math.inf}  # the number of requests limits them
+        self._depths = {_ANSWER: math.inf}  # the number of requests limits the answers
         """Maximum number of queued pushes, by type."""
         self.set_depth(depth)
         self._queue = PushQueue(self._depths, self._stats.dropped_pushes)

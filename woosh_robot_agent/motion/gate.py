@@ -395,7 +395,7 @@ class MotionGate:
             self._wheels_taken = time.monotonic()
             if self._last_velocity is velocity_before:
                 self._drives_until = -math.inf
-            else:  # sent after this command
+            else:  # the last velocity was sent after this command
                 self._unanswered_at_start = self._last_velocity
         elif message is self._last_velocity and not moves:  # an accepted zero
             self._drives_until = -math.inf
@@ -451,7 +451,7 @@ class MotionGate:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
             # that was sent between the acceptance and this report drives the robot.
             return
-        if self._velocities.in_flight:  # it may have come before or after the start
+        if self._velocities.in_flight:  # the chassis may have got it before or after the start
             self._unanswered_at_start = self._last_velocity
         else:  # rule 6
             self._drives_until = -math.inf

@@ -258,7 +258,7 @@ class VelocityDriver:
         """Return True if a zero would stop something."""
         if self._gate.driving or self._waiting is not None:
             return True
-        return self._driving and bool(self._requests)  # the gate may not have sent it yet
+        return self._driving and bool(self._requests)  # the gate may still have to send it
 
     def _due(self) -> float:
         """Return the loop time at which to send next; infinite if there is nothing to send."""

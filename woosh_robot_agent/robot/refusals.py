@@ -95,7 +95,7 @@ class RefusalExplainer:
             refusal = await run_with_timeout(self.code_delay, self._latest(request_type))
         except TimeoutError:
             return []
-        code = await asyncio.shield(refusal.code)  # others may wait for it too
+        code = await asyncio.shield(refusal.code)  # other calls may wait for it, too
         return [*refusal.state, code] if code else list(refusal.state)
 
     async def _latest(self, request_type: str) -> _Refusal:

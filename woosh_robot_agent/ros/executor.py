@@ -446,7 +446,7 @@ class _IdleThread:
                 return
             self._guard.trigger()
             self._is_closed = True
-        # the garbage collector may run the executor's finalizer, and so this, in the thread itself
+        # the garbage collector may run the executor's finalizer, which calls this, in that thread
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
         self._guard.destroy()

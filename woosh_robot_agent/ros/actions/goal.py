@@ -219,6 +219,7 @@ class Attribution:
         each report: once this goal is accepted, the same end is rejected only one more time.
 
         Args:
+            report: the report.
             outcome: reported outcome; None if the goal is still running.
             phase: phase of this goal.
         """

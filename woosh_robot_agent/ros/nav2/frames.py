@@ -187,7 +187,7 @@ class Frames:
             pose_or_reason = self._look_up(frame)
             if isinstance(pose_or_reason, Transform):
                 return pose_or_reason
-            if frame in self._own:  # on /tf it comes from this agent, so it is no use to wait
+            if frame in self._own:  # on /tf it comes from this agent: do not wait
                 raise ValueError(pose_or_reason)
             self._subscribe()
             self._changed.clear()

@@ -95,7 +95,7 @@ class GoalPose(Part):
         context.service("cancel", self._cancel_requested)
 
     def close(self) -> None:
-        self._client.destroy()  # `Node.destroy_node` leaves it, and the node stays in the graph
+        self._client.destroy()  # `Node.destroy_node` leaves it: the node would stay in the graph
 
     def _received(self, message: Any, info: Mapping[str, Any], taken: float) -> None:
         if reason := self._context.robot.chassis.refusal(CallAction()):

@@ -26,7 +26,7 @@ _LOG = logging.getLogger(__name__)
 _RESTART_DELAY = 1.0
 """Delay before a part that failed runs again, in seconds."""
 
-PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
+_PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
     (Odom, ("odom", "tf")),
     (Scan, ("scan", "tf")),
     (battery_part, ("battery_state",)),
@@ -40,7 +40,7 @@ PARTS: tuple[tuple[Callable[[PartContext], Part], tuple[str, ...]], ...] = (
     (Connected, ("connected",)),
     (Diagnostics, ("diagnostics",)),
 )
-"""Constructor of each `Part`, and its names in `disabled_parts`; one enabled name suffices."""
+"""Constructor of each `Part`, and names for `StandardSettings.enables`, one of which suffices."""
 
 
 class StandardLayer:
@@ -50,7 +50,7 @@ class StandardLayer:
         self._context = context
         settings = context.settings()
         self._parts = [
-            create(context) for create, names in PARTS if any(map(settings.enables, names))
+            create(context) for create, names in _PARTS if any(map(settings.enables, names))
         ]
 
     def start(self) -> None:

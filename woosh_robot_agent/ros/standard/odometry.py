@@ -378,7 +378,7 @@ class Odometry:
             last = self.time
             self.time = self._report_time.next(received, arc, before, after)
             self.pose *= moved
-            # A robot that reports rarely stands: a movement sideways corrects its localisation.
+            # If reports are rare, the robot stands: a movement sideways corrects its localisation.
             if abs(arc.left) > _MIN_SIDEWAYS and interval < _MAX_INTERVAL:
                 sideways = arc.left / max(self.time - last, _MIN_INTERVAL)
                 sideways = max(-_MAX_SPEED, min(_MAX_SPEED, sideways))

@@ -100,6 +100,7 @@ class Scan(Part):
         """Set the values of a scan in `_reused`, and return it.
 
         Args:
+            data: the scan.
             stamp: time of the scan, in nanoseconds.
 
         Raises:
