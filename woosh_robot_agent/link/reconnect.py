@@ -181,7 +181,7 @@ class RobotIdentity:
         return _ROBOT(id=self.robot_id, serial=self.serial_number)
 
     def differs_from(self, other: RobotIdentity) -> bool:
-        """Return True if both robots report an id, or both a serial number, and they differ."""
+        """Return True if both report an id, or both a serial number, and the two numbers differ."""
         pairs = (
             (self.robot_id, other.robot_id),
             (self.serial_number, other.serial_number),

@@ -169,7 +169,7 @@ class _Series:
 
 
 class DropLog:
-    """Logs series of drops, i.e. of dropped pushes or refused requests. Use it in the event loop.
+    """Logs series of drops, e.g. of dropped pushes or refused requests. Use it in the event loop.
 
     Args:
         logger: gets the first drop of a series at WARNING, and the number of drops at INFO.

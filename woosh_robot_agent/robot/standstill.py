@@ -57,7 +57,7 @@ _STANDS = Sentence(
 
 
 def likely_causes(info: RobotInfo) -> str:
-    """Return the causes in words: reported ones first, then possible ones, then unlikely ones."""
+    """Return the causes of a standstill in words: reported, then possible, then unlikely ones."""
     causes = list(_causes(info))
     reported = [_REPORTED(cause=cause) for cause, is_reported in causes if is_reported]
     possible = [_PERHAPS(cause=cause) for cause, is_reported in causes if is_reported is None]

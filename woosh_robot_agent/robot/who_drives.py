@@ -37,7 +37,7 @@ _NAMES = {
 
 
 def command_name(command: AnsweredCommand) -> str:
-    """Return the source of a command, or the endpoint that sends such commands.
+    """Return the source of a command; without one, the endpoint that sends commands of its type.
 
     The commands of goals have no source.
     """

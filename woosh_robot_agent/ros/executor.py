@@ -285,7 +285,7 @@ class Executor:
         self._watch_idle()
 
     def _use_reported(self) -> list[Watched]:
-        """Put the entities that the second thread has reported in use, and return them."""
+        """Put in use the entities that the second thread has reported, and return them."""
         with self._lock:
             reported = self._idle.take_reported()
             for each in reported:
