@@ -451,7 +451,7 @@ class MotionGate:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
             # that was sent between the acceptance and this report drives the robot.
             return
-        if self._velocities.in_flight:  # the chassis may have got it before or after the start
+        if self._velocities.in_flight:  # the last one may have come before or after the start
             self._unanswered_at_start = self._last_velocity
         else:  # rule 6
             self._drives_until = -math.inf

@@ -63,7 +63,7 @@ class SpeedLimiter:
         self._on_refused = on_refused
         self._on_change = on_change
         self._limit: float | None = None
-        """Current limit, as in `limit`."""
+        """Current limit, in m/s; infinite without a limit, None while there is nothing to limit."""
         self._sent = math.inf
         """Limit that was sent last; infinite before the first, `_UNKNOWN` if the robot may not have
         it."""
@@ -159,7 +159,7 @@ class SpeedLimiter:
 
         Args:
             navigation: current value of `_navigation`.
-            limit: the limit, as in `limit`.
+            limit: maximum speed, in m/s; infinite without a limit.
         """
         try:
             answer = await self._gate.request(

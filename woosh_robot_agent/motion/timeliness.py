@@ -74,7 +74,7 @@ class SenderClock:
             taken: monotonic time at which this process took the message from the middleware.
         """
         ahead = time.time() - time.monotonic()  # by which Unix time is ahead of monotonic time
-        # take the time of taking if the receipt is unknown, or the clock was set back since then
+        # use `taken` if the receipt is unknown, or the clock was set back since the receipt
         received = min(received or math.inf, taken + ahead)
         if not source:
             return received - ahead
