@@ -151,7 +151,7 @@ class Store:
         self._lock: IO[bytes] | None = None
         """The lock file, which is locked while it is open; None before `open`."""
         self._record = Record()
-        """The record that was saved last."""
+        """The record in the file: the one that was read, or saved last."""
         self._next = self._record
         """The record to save next."""
         self._timer: asyncio.TimerHandle | None = None

@@ -174,7 +174,7 @@ class Control:
         self._on_card_changed = on_card_changed
         self.owner: Viewer | None = None
         self._used_at = -math.inf
-        """Loop time of the last command of the owner."""
+        """Loop time at which the owner last used the control."""
         self._stopped_at = -math.inf
         """Loop time of the last stop."""
         self._press = -1

@@ -76,7 +76,8 @@ class Route:
         self._driven_to: Position | None = None
         """Last position to which the vehicle drove, i.e. was not pushed; None if unknown."""
         self._reached_at: Position | NodePosition | None = None
-        """Position of the vehicle when it reached the last node; None if unknown."""
+        """Position of the vehicle when it reached the last node; after a restart, that of the node.
+        None if unknown."""
         self._estimated_way = 0.0
         """Estimate of `driven` that allows for detours without a link; never unknown."""
         self._is_unconfirmed = False
