@@ -221,7 +221,7 @@ class Standstill:
             task_id = getattr(message, "task_id", _ANY_TASK)
             ended = self._ends.get(task_id if kind in _TASKS else kind, -math.inf)
             if ended >= command.requested:
-                return
+                return  # the task or action has ended already
             demand = self._expect(command_name(command), kind, task_id)
             task = self._last_known.value(TaskProc) or TaskProc()
             if isinstance(message, ActionOrder) and is_held_up(task):

@@ -96,7 +96,7 @@ class CancelLog:
         gate.on_answered(self._answered)
 
     async def source(self, since: float) -> str:
-        """Return what has cancelled something since a loop time.
+        """Return what has cancelled a task or an action since a loop time.
 
         The report of a cancel may come before the answer to its request, so this waits a little.
         """
