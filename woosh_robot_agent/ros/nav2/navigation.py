@@ -126,7 +126,7 @@ class Progress:
         return distance, distance / self._speed
 
     def _adapt_speed(self, speed: float) -> None:
-        """Adapt the expected speed to a reported one: at once to a higher, slowly to a steady one."""
+        """Adapt the expected speed: at once to a higher reported speed, slowly to a steady one."""
         if speed > self._speed:
             self._speed = speed
         elif speed > _DRIVING and abs(speed - self._last_speed) < _STEADY:
