@@ -12,10 +12,11 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link import ChassisClient, LinkError, NotConnectedError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate
+from woosh_robot_agent.motion.wheel_owner import EXECUTING
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, NavigationMode, kExecute
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosErrMsg, kRosExecuting
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import navigation_pb2 as navigation
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -121,8 +122,7 @@ class SpeedLimiter:
         """Note whether the action MoveBase navigates, and send the limit if needed."""
         for report in reports.fbs:
             if report.action == _MOVE_BASE:
-                # kRosErrMsg reports an error on the way; the navigation goes on
-                navigates = report.state in (kRosExecuting, kRosErrMsg)
+                navigates = report.state in EXECUTING
                 if navigates and not self._action_navigates:
                     self._begin()
                 self._action_navigates = navigates
