@@ -193,7 +193,6 @@ class AssistedTeleop(Nav2Action):
         """The running goal."""
         self._preempted: asyncio.Future[None]
         """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
-        robot.gate.on_stop(self._stopped)
         stamped = standard.settings().cmd_vel_stamped
         standard.subscribe(
             "cmd_vel_teleop",
@@ -236,10 +235,6 @@ class AssistedTeleop(Nav2Action):
         return "; ".join(
             str(each) for each in self.context.objections_except_busy if each in preventing
         )
-
-    def _stopped(self) -> None:
-        if self._goal is not None:
-            self._goal.stop(GoalEnd("cancelled by the service stop"))
 
     def _drive(self, message: Any, info: Any, taken: float) -> None:
         if self._goal is None:

@@ -92,7 +92,6 @@ class CancelLog:
         """Name of the service, topic or action through which the last cancel came."""
         self._time = -math.inf
         """Loop time of that cancel."""
-        gate.on_stop(lambda: self._note("the service stop"))
         gate.on_answered(self._answered)
 
     async def source(self, since: float) -> str:
@@ -199,10 +198,14 @@ class Nav2Goal:
         """Publish feedback with these fields."""
         self._goal.feedback(self._feedback_class(**fields))
 
-    def stop(self, reason: GoalEnd) -> None:
-        """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
+    def send_no_more(self, reason: GoalEnd) -> None:
+        """End the goal for a reason, unless it is already ending; let the chassis's goal end."""
         if not self.is_ending:
             self._reason.set_result(reason)
+
+    def stop(self, reason: GoalEnd) -> None:
+        """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
+        self.send_no_more(reason)
         if self._chassis_goal is not None:
             self._chassis_goal.cancel()
 
@@ -221,8 +224,7 @@ class Nav2Goal:
     def replace(self, older: Nav2Goal) -> None:
         """Replace a navigation without a stop, once the chassis has accepted this goal."""
         self._older = older
-        if not older.is_ending:  # unlike `stop`, this lets the robot drive on for now
-            older._reason.set_result(GoalEnd(_REPLACED))
+        older.send_no_more(GoalEnd(_REPLACED))
 
     def raise_if_ending(self) -> None:
         """Raise the reason that ends the goal, if there is one.
@@ -388,6 +390,11 @@ class Slot:
             each.stop(GoalEnd(_REPLACED))
         for each in older:
             await goal.wait_for(each.ended)
+
+    def stop_called(self) -> None:
+        """End all goals, because the service `stop` cancels what the chassis executes."""
+        for each in self._goals:
+            each.send_no_more(GoalEnd("cancelled by the service stop"))
 
     def stop(self, reason: GoalEnd) -> bool:
         """End the goal that the chassis executes; return False if it executes none."""
