@@ -25,6 +25,7 @@ from tests.node.nav2.goals import (
     stands,
     step,
 )
+from tests.node.test_parameters import change
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist as ChassisTwist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
@@ -99,6 +100,7 @@ def test_straight_moves(
         ("backup", Point(x=math.nan), 0.2),
         ("backup", Point(x=0.3), math.nan),
         ("backup", Point(x=0.3), 0.0),
+        ("backup", Point(x=1e39), 0.2),  # infinite in the robot's 32 bits
     ],
 )
 def test_moves_that_are_not_possible(
@@ -238,8 +240,9 @@ class TestAssistedTeleop:
             (lambda client, simulator: PREVENTIONS["key switch"][0](simulator), "manual"),
             (lambda client, simulator: simulator.inject("off"), "no link"),
             (lambda client, simulator: client.call(Trigger, "stop"), "service stop"),
+            (lambda client, simulator: change(client, observe_only=True), "only observes"),
         ],
-        ids=["emergency stop", "key switch", "link", "stop"],
+        ids=["emergency stop", "key switch", "link", "stop", "observe_only"],
     )
     def test_it_ends_when_something_stops_the_robot(
         self,

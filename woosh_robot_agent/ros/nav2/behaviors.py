@@ -10,6 +10,7 @@ from typing import Any
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.robot.readiness import CONTROL_MODES, EMERGENCY_STOP
 from woosh_robot_agent.ros.nav2.goals import (
@@ -76,12 +77,13 @@ class _Behavior(Nav2Action):
         Raises:
             GoalEnd: the step was not made.
         """
-        if not (math.isfinite(value) and 0.0 < speed < math.inf):
+        step = StepControl.Step(mode=mode, value=value, speed=speed)
+        # its numbers have 32 bits, in which a large one is infinite
+        if not (math.isfinite(step.value) and 0.0 < step.speed < math.inf):
             raise GoalEnd(
                 f"a step of {value:g} at a speed of {speed:g} is not possible", "INVALID_INPUT"
             )
         _limit_time(goal)
-        step = StepControl.Step(mode=mode, value=value, speed=speed)
         is_blind = getattr(goal.request, "disable_collision_checks", False)
         # avoid: 0 switches obstacle avoidance on, 1 off
         command = StepControl(action=kExecute, steps=[step], avoid=int(is_blind))
@@ -227,6 +229,8 @@ class AssistedTeleop(Nav2Action):
     def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
         standard, gate = self.context.standard, self.context.standard.robot.gate
+        if refusal := standard.robot.chassis.refusal(Twist()):
+            return refusal
         if standard.robot.chassis.state is not LinkState.READY:
             return "there is no link to the robot"
         if gate.owner and not standard.settings().velocity_limits.override:

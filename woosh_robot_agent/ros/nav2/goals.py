@@ -11,9 +11,9 @@ import asyncio
 import logging
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from builtin_interfaces.msg import Duration
 from google.protobuf.message import Message
@@ -40,6 +40,8 @@ from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.qos import RARE_QOS
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard_endpoints import BY_NAME
+
+T = TypeVar("T")
 
 _LOG = logging.getLogger(__name__)
 _PERIOD = 0.1
@@ -314,6 +316,23 @@ class Nav2Goal:
         if not future.done():
             self.raise_if_ending()
 
+    async def run(self, work: Coroutine[Any, Any, T], name: str) -> T:
+        """Run a coroutine, which is cancelled if the goal ends before, and return its result.
+
+        Args:
+            work: the coroutine, e.g. one that waits for an answer of the chassis.
+            name: its name, for debugging.
+
+        Raises:
+            GoalEnd: the goal has ended before.
+        """
+        task = start_task(work, name=f"nav2: {name}")
+        try:
+            await self.wait_for(task)
+            return task.result()
+        finally:
+            task.cancel()
+
     async def wait_until(self, condition: Callable[[], bool]) -> None:
         """Wait until a condition holds; it is checked ten times a second.
 
@@ -493,9 +512,9 @@ class Nav2Action(ABC):
         for goal in tasks.values():  # a task that had not started has ended no goal
             goal.finish(GoalEnd(STOPPING))
 
-    def log_unused(self, request: Any, field: str) -> None:
-        """Log once that a field has no effect, if the request sets it."""
-        if getattr(request, field, "") and field not in self._logged_fields:
+    def log_unused(self, request: Any, field: str, default: Any = "") -> None:
+        """Log once that a field has no effect, if the request sets it to another value."""
+        if getattr(request, field, default) != default and field not in self._logged_fields:
             self._logged_fields.add(field)
             _LOG.info("%s: %s has no effect: the robot plans by itself", self.name, field)
 
