@@ -219,12 +219,17 @@ class AssistedTeleop(Nav2Action):
                 goal.stop(GoalEnd(reason))
             goal.feedback(current_teleop_duration=to_duration(goal.elapsed))
 
+        end: GoalEnd | None = None
         try:
             await goal.wait_for(self._preempted, tick)
+        except GoalEnd as reason:
+            end = reason
         finally:
             self._goal = None
             self._driver.drive(0.0, 0.0, 0.0)  # stop the robot at once
-            await self.context.pose.wait_until_standing()
+        await self.context.pose.wait_until_standing()  # not when the agent stops
+        if end is not None:
+            raise end
 
     def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
