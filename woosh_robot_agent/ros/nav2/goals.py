@@ -94,6 +94,7 @@ class CancelLog:
         """Name of the service, topic or action through which the last cancel came."""
         self._time = -math.inf
         """Loop time of that cancel."""
+        gate.on_stop(lambda: self._note("the service stop"))
         gate.on_answered(self._answered)
 
     async def source(self, since: float) -> str:
@@ -291,10 +292,10 @@ class Nav2Goal:
         if end.outcome is Outcome.CANCELED:
             await self._context.pose.wait_until_standing()
             raise reason
+        if str(reason) == _REPLACED:
+            raise reason
         # the cancel had no effect: the text of the failure says that the robot may go on
-        if reason.outcome is Outcome.CANCELED or reason.code == "TIMEOUT":
-            raise await self._failure(end, sent)
-        raise reason
+        raise await self._failure(end, sent)
 
     async def _failure(self, end: End, sent: float) -> FailedCommand:
         """Return the failure of a command that was sent at a loop time."""
