@@ -81,7 +81,9 @@ class _Behavior(Nav2Action):
         # its numbers have 32 bits, in which a large one is infinite
         if not (math.isfinite(step.value) and 0.0 < step.speed < math.inf):
             raise GoalEnd(
-                f"a step of {value:g} at a speed of {speed:g} is not possible", "INVALID_INPUT"
+                f"a step of {value:g} at a speed of {speed:g} is not possible: check the goal, and "
+                "cmd_vel_max_linear and cmd_vel_max_angular",
+                "INVALID_INPUT",
             )
         _limit_time(goal)
         is_blind = getattr(goal.request, "disable_collision_checks", False)
