@@ -234,6 +234,10 @@ async def test_an_action_owns_the_wheels_while_it_may_drive_on_by_itself(
         await rig.wire.push(FEEDBACKS, feedback("MoveBase", state))
         await ok(rig.gate.request(Speak()))  # answered after the push
         assert rig.gate.owner == owner
+        for late in ("kRosFailure", state):  # what it reports after its end does not begin it
+            await rig.wire.push(FEEDBACKS, feedback("MoveBase", late))
+        await ok(rig.gate.request(Speak()))
+        assert rig.gate.owner == ""
 
 
 @aio

@@ -91,7 +91,7 @@ class WheelOwner:
             if report.state not in EXECUTING:
                 self._actions.discard(report.action)
                 self._update_name()
-            elif report.action not in self._actions:
+            elif report.state == kRosExecuting and report.action not in self._actions:
                 self._actions.add(report.action)
                 self._update_name()
                 self._on_start()
