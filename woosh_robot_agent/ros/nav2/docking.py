@@ -23,7 +23,9 @@ from woosh_robot_agent.ros.nav2.navigation import transform_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
 _NEAR = 1.0
-"""Maximum distance between `dock_pose`, or a docked robot, and its charger, in metres."""
+"""Maximum distance between `dock_pose`, or a robot that charges, and its charger, in metres."""
+_DOCKED = 0.3
+"""Maximum distance between a docked robot and its charger, in metres. Outside, it is farther."""
 
 
 class _Phase(NamedTuple):
@@ -187,7 +189,7 @@ class UndockRobot(_Docking):
             raise
 
     async def _check_docked(self) -> None:
-        """Check that the robot charges, or stands near a charger.
+        """Check that the robot charges, or stands in a charger.
 
         A full robot in a charger does not charge, so the place decides, too.
 
@@ -200,10 +202,10 @@ class UndockRobot(_Docking):
         if here is None:
             raise GoalEnd("the robot's pose is not known: wait for the link to the robot")
         distance, _ = _nearest(await self.chargers(), here)
-        if distance > _NEAR:
+        if distance > _DOCKED:
             raise GoalEnd(
                 f"the robot is in no charger: it does not charge, and no charger is within "
-                f"{_NEAR:g} m of it",
+                f"{_DOCKED:g} m of it",
                 "DOCK_NOT_VALID",
             )
 
