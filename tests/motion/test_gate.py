@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable
 
 import pytest
@@ -29,7 +30,7 @@ from woosh_robot_agent.link import (
     RequestTimeoutError,
     SupersededError,
 )
-from woosh_robot_agent.motion import MotionGate, MotionTiming
+from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
 from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
@@ -140,6 +141,20 @@ async def test_a_request_some_time_after_a_stop_is_sent() -> None:
         end = loop.time() + 0.05
         await eventually(lambda: loop.time() > end)
         await ok(rig.drive(1))
+
+
+@every_moving_request
+@aio
+async def test_what_was_sent_to_the_agent_before_a_stop_does_not_move_the_robot_later(
+    request_: Message,
+) -> None:
+    async with gated(hold=0.0) as rig:
+        before = asyncio.get_running_loop().time()
+        await soon(rig.gate.stop(TIMEOUT))
+        with pytest.raises(SupersededError, match="cancelled by a stop of the robot"):
+            await rig.gate.request(request_, sender=Sender(published=before))
+        await ok(rig.gate.request(request_, sender=Sender(published=math.inf)))
+        assert len(types(rig.wire)) == ORDERS + 1
 
 
 @aio

@@ -198,6 +198,18 @@ async def test_a_velocity_is_refused_while_a_task_or_action_owns_the_robot_unles
         await stream.sent(*([0.1] * override), 0.2)
 
 
+@aio
+async def test_a_velocity_that_waits_is_not_sent_once_something_owns_the_robot() -> None:
+    async with driving(rate=1.0) as stream:
+        stream.drive(0.1)
+        stream.drive(0.2)  # waits for its period
+        await stream.task_runs()
+        due = asyncio.get_running_loop().time() + 1.0
+        await eventually(lambda: asyncio.get_running_loop().time() > due)
+        await stream.settle()
+        await stream.sent(0.1)
+
+
 @pytest.mark.parametrize("taken", ["by another client's task", "by a follow"])
 @aio
 async def test_no_zero_follows_what_takes_the_wheels(taken: str) -> None:

@@ -216,6 +216,30 @@ async def test_a_task_owns_the_wheels_while_it_may_drive_on_by_itself(
         await eventually(lambda: rig.gate.owner == owner)
 
 
+@pytest.mark.parametrize(
+    ("state", "owner"),
+    [
+        ("kRosErrMsg", "MoveBase"),  # e.g. an obstacle
+        ("kRosPauseFailed", "MoveBase"),
+        ("kRosPause", ""),
+        ("kRosFailure", ""),
+    ],
+)
+@aio
+async def test_an_action_owns_the_wheels_while_it_may_drive_on_by_itself(
+    state: str, owner: str
+) -> None:
+    async with gated() as rig:
+        await owned(rig, FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+        await rig.wire.push(FEEDBACKS, feedback("MoveBase", state))
+        await ok(rig.gate.request(Speak()))  # answered after the push
+        assert rig.gate.owner == owner
+        for late in ("kRosFailure", state):  # what it reports after its end does not begin it
+            await rig.wire.push(FEEDBACKS, feedback("MoveBase", late))
+        await ok(rig.gate.request(Speak()))
+        assert rig.gate.owner == ""
+
+
 @aio
 async def test_a_task_that_goes_on_after_an_obstacle_takes_no_velocity_over() -> None:
     """The velocity was sent while the task owned the wheels, so it still needs its zero."""

@@ -115,6 +115,17 @@ class TestGoalPose:
         statuses.wait(lambda m: m.status_list[-1].status == GoalStatus.STATUS_CANCELED)
         wait_until(lambda: not client.call(Trigger, "cancel").success)
 
+    def test_cancel_ends_a_goal_whose_successor_was_refused(
+        self, simulator, sender, client, statuses, logs
+    ):
+        sender.goal_pose(-8.0, 8.0, 0.5)
+        simulator.wait_received(CALL_ACTION)
+        simulator.inject("refuse", type=CALL_ACTION, text="not there", count=1)
+        sender.goal_pose(5.0, -6.8, 0.5)
+        logs.wait_text("goal_pose was not reached: not there")
+        assert client.call(Trigger, "cancel").success
+        statuses.wait(lambda m: m.status_list[0].status == GoalStatus.STATUS_CANCELED)
+
     def test_the_reason_of_a_failure_is_logged(self, sender, logs):
         sender.goal_pose(500.0, 0.0, 0.0)
         logs.wait(lambda r: r.getMessage().startswith("goal_pose was not reached: "))

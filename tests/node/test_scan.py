@@ -115,6 +115,15 @@ def test_ranges_out_of_range_are_infinite(simulator, agent, client):
     assert list(scan.ranges[1:]) == pytest.approx([math.inf, math.inf, -math.inf, 5.0, math.inf])
 
 
+def test_a_scan_without_its_maximum_range_is_not_published(simulator, agent, client, logs):
+    """All its ranges would become +inf, which means that nothing is in the way."""
+    change_scans(simulator, lambda scan: scan.ClearField("range_max"))
+    received = scans(client)
+    logs.wait_text("no scan, range_max is not above range_min: 0 and 0.05")
+    simulator.wait_received(SCANNER, 3)
+    assert not received.messages
+
+
 def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client):
     change_scans(simulator, lambda scan: scan.offset.CopyFrom(Vector3(x=0.1, y=0.2, z=0.3)))
     start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True, frame_prefix="a/")

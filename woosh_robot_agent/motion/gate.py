@@ -6,8 +6,8 @@
    published it. See `LatestWins`.
 3. Nothing is sent twice. The gate does not retry, and a request that was made without a link, or
    before the link was lost, is not sent after a reconnect.
-4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, and those
-   that arrive shortly after the stop, are not sent.
+4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, those that
+   arrive shortly after the stop, and those that a client sent before it, are not sent.
 5. A closed gate sends nothing that moves the robot. On closing, it sends a zero velocity if the
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
@@ -219,7 +219,7 @@ class MotionGate:
         self._forbidden_until = -math.inf
         """Loop time until which requests that move the robot are refused."""
         self._stop_called = -math.inf
-        """Loop time of the last call of `announce_stop`."""
+        """Loop time at which the last stop was announced."""
         self._stalls = StallWatch(lambda: self.timing)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
@@ -272,6 +272,7 @@ class MotionGate:
         Args:
             timeout: time to wait for each answer, in seconds.
         """
+        self.announce_stop()
         for callback in self._stop_callbacks:
             callback()
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
@@ -411,7 +412,9 @@ class MotionGate:
         now = time.monotonic()
         if now < self._forbidden_until:  # rules 4 and 5
             return NOT_SENT(reason=self._forbidden)
-        if now < self._stop_called + self.timing.hold:  # rule 4, while the stop waits for its turn
+        # rule 4, also while the stop waits for its turn
+        is_from_before = published is not None and published < self._stop_called
+        if is_from_before or now < self._stop_called + self.timing.hold:
             return NOT_SENT(reason=_STOPPED)
         self._stalls.check()  # a stall may have ended just now, before the next heartbeat
         if published is not None and self._stalls.is_from_before(published):  # rule 8

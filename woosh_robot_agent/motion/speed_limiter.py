@@ -9,13 +9,14 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link import ChassisClient, LinkError, NotConnectedError
+from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, NotConnectedError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate
+from woosh_robot_agent.motion.wheel_owner import EXECUTING
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, NavigationMode, kExecute
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosErrMsg, kRosExecuting
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import navigation_pb2 as navigation
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -58,6 +59,7 @@ class SpeedLimiter:
         on_refused: Callable[[str], None],
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
+        self._chassis = chassis
         self._gate = gate
         self._start = start
         self._on_refused = on_refused
@@ -72,9 +74,12 @@ class SpeedLimiter:
         """Id of the task that the robot executes."""
         self._task_navigates = False
         self._action_navigates = False
+        self._is_action_unknown = False
+        """True if the action navigated when the link was lost."""
         chassis.subscribe(TaskProc, self._task_reported)
         chassis.subscribe(Feedbacks, self._actions_reported)
         chassis.on_snapshot(self._connected)
+        chassis.on_state(self._link_changed)
         gate.on_answered(self._answered)
 
     @property
@@ -107,6 +112,27 @@ class SpeedLimiter:
     def _connected(self, info: RobotInfo) -> None:
         self._task_reported(info.task_proc)
 
+    def _link_changed(self, state: LinkState) -> None:
+        if state is LinkState.READY:
+            self._send()  # the first RobotInfo may come before requests are possible
+            if self._is_action_unknown:
+                self._is_action_unknown = False
+                self._start(self._ask_actions())
+        else:  # reports may be missed
+            self._is_action_unknown |= self._action_navigates
+            self._task_navigates = self._action_navigates = False
+
+    async def _ask_actions(self) -> None:
+        """Ask for the state of the actions, which the first RobotInfo does not have."""
+        try:
+            answer = await self._chassis.request(Feedbacks())
+        except LinkError as error:
+            _LOG.debug("cannot ask for the state of the actions: %s", error)
+            self._is_action_unknown = True
+            return
+        if answer.ok and isinstance(answer.body, Feedbacks):
+            self._actions_reported(answer.body)
+
     def _task_reported(self, report: TaskProc) -> None:
         if report.robot_task_id != self._task_id:
             self._task_id = report.robot_task_id
@@ -122,8 +148,7 @@ class SpeedLimiter:
         """Note whether the action MoveBase navigates, and send the limit if needed."""
         for report in reports.fbs:
             if report.action == _MOVE_BASE:
-                # kRosErrMsg reports an error on the way; the navigation goes on
-                navigates = report.state in (kRosExecuting, kRosErrMsg)
+                navigates = report.state in EXECUTING
                 if navigates and not self._action_navigates:
                     self._begin()
                 self._action_navigates = navigates

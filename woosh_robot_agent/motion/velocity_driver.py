@@ -229,7 +229,7 @@ class VelocityDriver:
         elif moves and self._silenced:  # rule 3
             pause = f"{self._gate.timing.pause:g}"
             self.log_refusal("silenced", _SILENCED(reason=self._silenced, seconds=pause))
-        elif moves and not limits.override and (owner := self._gate.owner):  # rule 2
+        elif moves and (owner := self._owner):  # rule 2
             self.log_refusal("owner", _OWNED(owner=owner))
         elif self._chassis.state is not LinkState.READY:  # rule 5
             self.log_refusal("link", _NO_LINK)
@@ -248,6 +248,11 @@ class VelocityDriver:
     def log_refusal(self, kind: str, reason: str) -> None:
         """Log why a velocity is refused, and what to do; reasons of one kind are logged once."""
         self._log.warn(kind, f"{self._name} is ignored: {reason}")
+
+    @property
+    def _owner(self) -> str:
+        """Name of what drives the robot, so that velocities are refused; empty if nothing does."""
+        return "" if self._limits().override else self._gate.owner
 
     @property
     def _max_age(self) -> float:
@@ -279,7 +284,9 @@ class VelocityDriver:
 
     def _send_due(self) -> None:
         """Send the velocity that waits; without one, the zero of the watchdog."""
-        if self._waiting is not None:
+        if self._waiting is not None and may_move(self._waiting) and self._owner:
+            self._waiting = None  # rule 2: something has begun to drive the robot meanwhile
+        elif self._waiting is not None:
             self._send(self._waiting, self._published)
         elif self._gate.driving:
             self._send(Twist())

@@ -8,7 +8,12 @@ from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosExecuting
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
+    Feedbacks,
+    kRosErrMsg,
+    kRosExecuting,
+    kRosPauseFailed,
+)
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.sentences import Sentence
 
@@ -21,6 +26,8 @@ _DRIVING_ACTIONS = {
     full_name(cls): cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)
 }
 """Short names of the actions that drive the robot, by protobuf full name."""
+EXECUTING = (kRosExecuting, kRosErrMsg, kRosPauseFailed)
+"""States of an action that goes on; kRosErrMsg reports an error on the way, e.g. an obstacle."""
 
 _UNFINISHED = (
     task_pb2.kInit,
@@ -81,10 +88,10 @@ class WheelOwner:
         for report in reports.fbs:
             if report.action not in _DRIVING_ACTIONS:
                 continue
-            if report.state != kRosExecuting:
+            if report.state not in EXECUTING:
                 self._actions.discard(report.action)
                 self._update_name()
-            elif report.action not in self._actions:
+            elif report.state == kRosExecuting and report.action not in self._actions:
                 self._actions.add(report.action)
                 self._update_name()
                 self._on_start()

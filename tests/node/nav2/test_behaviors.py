@@ -12,7 +12,7 @@ from geometry_msgs.msg import Point, Twist
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, wait_until
+from tests.harness import Client, Logs, RunningAgent, wait_until
 from tests.node.goals import START, hurry, slow_down, task
 from tests.node.nav2.goals import (
     ABORTED,
@@ -25,9 +25,11 @@ from tests.node.nav2.goals import (
     stands,
     step,
 )
+from tests.node.test_parameters import change
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist as ChassisTwist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import PoseSpeed
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
 pytestmark = pytest.mark.usefixtures("agent")
@@ -99,6 +101,7 @@ def test_straight_moves(
         ("backup", Point(x=math.nan), 0.2),
         ("backup", Point(x=0.3), math.nan),
         ("backup", Point(x=0.3), 0.0),
+        ("backup", Point(x=1e39), 0.2),  # infinite in the robot's 32 bits
     ],
 )
 def test_moves_that_are_not_possible(
@@ -238,8 +241,9 @@ class TestAssistedTeleop:
             (lambda client, simulator: PREVENTIONS["key switch"][0](simulator), "manual"),
             (lambda client, simulator: simulator.inject("off"), "no link"),
             (lambda client, simulator: client.call(Trigger, "stop"), "service stop"),
+            (lambda client, simulator: change(client, observe_only=True), "only observes"),
         ],
-        ids=["emergency stop", "key switch", "link", "stop"],
+        ids=["emergency stop", "key switch", "link", "stop", "observe_only"],
     )
     def test_it_ends_when_something_stops_the_robot(
         self,
@@ -253,6 +257,23 @@ class TestAssistedTeleop:
         self.drive(velocities, simulator)
         prevent(client, simulator)
         goal.wait_aborted(reason, code="UNKNOWN")
+
+    def test_the_end_of_the_agent_does_not_wait_until_the_robot_stands(
+        self,
+        agent: RunningAgent,
+        client: Client,
+        simulator: SimulatorThread,
+        velocities: Any,
+        logs: Logs,
+    ) -> None:
+        poses = client.echo(PoseSpeed, "robot/PoseSpeed")
+        goal = Nav2Client(client, "assisted_teleop")
+        self.drive(velocities, simulator)
+        poses.wait(lambda each: each.twist.linear > 0.1)
+        simulator.intercept(lambda out: [] if out.type == "woosh.robot.PoseSpeed" else [out])
+        agent.close()
+        goal.wait_aborted("the agent is stopping")
+        assert logs.with_text("", level="ERROR") == []
 
     def test_it_ends_when_something_else_drives_the_robot(
         self, client: Client, simulator: SimulatorThread, velocities: Any

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.harness import Client, wait_until
-from tests.node.goals import slow_down
+from tests.harness import Client, Logs, fill, wait_until
+from tests.node.goals import EXECUTING, slow_down
 from tests.node.nav2.goals import (
     CANCELED,
     PREVENTIONS,
@@ -14,11 +14,13 @@ from tests.node.nav2.goals import (
     pose,
     stands,
 )
+from woosh_robot_agent.pb.map.storage_edit_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
-from woosh_robot_agent.pb.util.task_pb2 import kPaused
+from woosh_robot_agent.pb.util.task_pb2 import kCharge, kPaused
 from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.action import ExecTask as ExecTaskAction
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
 pytestmark = [
@@ -55,6 +57,8 @@ def test_the_robot_docks_and_undocks(client: Client, simulator: SimulatorThread)
     assert (status, result.success, result.error_code) == (SUCCEEDED, True, 0)
     assert not charges(simulator)
     assert simulator.call(lambda sim: sim.chassis.charger) is None
+    again = Nav2Client(client, "undock_robot")  # the chassis might back out further
+    again.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID")
 
 
 @pytest.mark.parametrize("use_dock_id", [True, False])
@@ -89,6 +93,17 @@ def test_docking_is_cancelled(client: Client, simulator: SimulatorThread) -> Non
     assert not simulator.call(lambda sim: sim.chassis.tasks.active)
 
 
+def test_docking_is_cancelled_though_the_chassis_does_not_answer(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    simulator.mute(Storages.DESCRIPTOR.full_name)
+    goal = Nav2Client(client, "dock_robot")
+    simulator.wait_received(Storages.DESCRIPTOR.full_name)
+    goal.cancel()
+    assert goal.result()[0] == CANCELED
+    assert ExecTask.DESCRIPTOR.full_name not in simulator.counts
+
+
 @pytest.mark.parametrize("prevention", PREVENTIONS)
 def test_docking_ends_when_something_stops_the_robot(
     client: Client, simulator: SimulatorThread, prevention: str
@@ -118,11 +133,15 @@ def test_docking_that_something_stops_is_cancelled_once(
     assert simulator.counts["woosh.robot.ActionOrder"] == 1
 
 
-def test_a_robot_that_charges_is_docked(client: Client, simulator: SimulatorThread) -> None:
+def test_a_robot_that_charges_is_docked(
+    client: Client, simulator: SimulatorThread, logs: Logs
+) -> None:
     for _ in range(2):
-        status, result = Nav2Client(client, "dock_robot").result()
+        goal = Nav2Client(client, "dock_robot", navigate_to_staging_pose=False)
+        status, result = goal.result()
         assert (status, result.success) == (SUCCEEDED, True)
     assert simulator.counts[ExecTask.DESCRIPTOR.full_name] == 1
+    assert len(logs.with_text("navigate_to_staging_pose has no effect")) == 1
 
 
 def test_undocking_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
@@ -143,7 +162,11 @@ def test_the_way_to_the_charger_takes_too_long(client: Client, simulator: Simula
 
 
 def test_a_robot_in_no_charger_is_not_undocked(client: Client, simulator: SimulatorThread) -> None:
-    """The chassis might back out of where it is."""
+    """The chassis might back out of where it is, also on its way to a charger."""
+    slow_down(simulator)
+    charge = fill(ExecTaskAction.Goal(), arg={"type": kCharge})
+    robot_task = client.send_goal(ExecTaskAction, "robot/ExecTask", charge)
+    robot_task.feedback.wait(lambda each: each.state.value == EXECUTING)
     goal = Nav2Client(client, "undock_robot")
     assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
     assert simulator.counts["woosh.ros.CallAction"] == 0

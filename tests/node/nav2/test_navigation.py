@@ -12,17 +12,20 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Logs, RunningAgent, wait_until
+from tests.harness import Client, Logs, Robot, RunningAgent, wait_until
 from tests.node.goals import (
     CALL_ACTION,
     CANCEL,
     EXECUTING,
     START,
+    feedbacks,
     hurry,
+    in_front,
     move_base,
     slow_down,
     stop_time,
     task,
+    without_reports,
 )
 from tests.node.nav2.goals import (
     ABORTED,
@@ -37,8 +40,12 @@ from tests.node.nav2.goals import (
     poses_field,
     stands,
 )
+from woosh_robot_agent.motion.requests import may_move
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.pb.util.navigation_pb2 import Path
 from woosh_robot_agent.simulator import SimulatorThread
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
@@ -102,6 +109,18 @@ def test_feedback_falls_while_the_robot_drives(client: Client, simulator: Simula
     assert feedback[-1].current_pose.pose.position.x > feedback[0].current_pose.pose.position.x
     assert feedback[-1].navigation_time.sec >= 1
     assert {each.number_of_recoveries for each in feedback} == {0}
+
+
+def test_a_path_that_is_not_finite_does_not_end_the_drive(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    goal = driving(client, simulator)
+    end = Pose2D(**in_front(5.0))
+    simulator.push(NavPath(path=Path(poses=[end, Pose2D(x=math.nan), end])))
+    goal.feedback.wait_count(len(goal.feedback.messages) + 5)
+    hurry(simulator)
+    assert goal.result()[0] == SUCCEEDED
+    assert all(math.isfinite(each.distance_remaining) for each in goal.feedback.messages)
 
 
 @pytest.mark.parametrize(
@@ -424,6 +443,25 @@ def test_the_service_stop_ends_waypoints(client: Client, simulator: SimulatorThr
     assert missed(goal.wait_aborted()) == []
     assert drives(simulator).count(action_pb2.kExecute) == 1
     wait_until(lambda: stands(simulator), "the robot stands")
+
+
+@pytest.mark.parametrize("waits", ["a waypoint", "another goal"])
+def test_after_the_service_stop_nothing_drives_that_waited_for_the_end_of_a_drive(
+    robot: Robot, waits: str
+) -> None:
+    """However late the robot reports that end."""
+    simulator = robot.chassis
+    robot.set_motion_timing(hold=0.0)
+    goal = driving(robot, simulator, "follow_waypoints", poses=[ahead(4.0), ahead(1.0)])
+    report_again = simulator.intercept(without_reports)
+    if waits == "another goal":
+        goal = Nav2Client(robot, "spin", target_yaw=1.0)
+        wait_until(lambda: len(drives(simulator)) == 2, "the cancel of the drive")
+    assert robot.call(Trigger, "stop").success
+    report_again()
+    simulator.push(feedbacks(ros_pack_pb2.kRosSuccess, action="woosh.ros.action.MoveBase"))
+    goal.wait_aborted("cancelled by the service stop")
+    assert [may_move(each.message) for each in simulator.received].count(True) == 1
 
 
 @pytest.mark.skipif(

@@ -14,8 +14,8 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Logs, wait_until
-from tests.node.goals import START, hurry, move_base, slow_down, task
+from tests.harness import Client, Logs, Robot, wait_until
+from tests.node.goals import START, hurry, move_base, slow_down, stop_time, task
 from tests.node.nav2.goals import SUCCEEDED, go, stands
 from woosh_map_msgs.srv import SceneList
 from woosh_robot_agent.convert.mapping import class_of
@@ -23,8 +23,17 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, SwitchMap
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.ros.standard_endpoints import MANAGERS
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.behaviour.navigation import Navigate
+from woosh_robot_agent.simulator.world.geometry import Pose
 
 pytest.importorskip("nav2_msgs.action")
+
+
+MOVE_BASE = "woosh.ros.action.MoveBase"
+
+
+def navigates(simulator: SimulatorThread) -> bool:
+    return simulator.call(lambda sim: sim.chassis.actions.navigation) is not None
 
 
 def state(client: Client, node: str) -> str:
@@ -230,6 +239,43 @@ class TestSpeedLimit:
         running = task(client)
         wait_until(lambda: self.sent(simulator, ChangeNavMode) == [0.5], "the limit is sent")
         running.cancel()
+
+    @pytest.mark.parametrize("kind", [ChangeNavMode, CallAction], ids=["task", "action"])
+    def test_one_that_comes_without_a_link_is_sent_when_the_link_is_back(
+        self, robot: Robot, simulator: SimulatorThread, limit: Callable[..., None], kind: type[Any]
+    ) -> None:
+        slow_down(simulator)
+        if kind is CallAction:
+            go(robot, 5.0)
+        else:
+            task(robot, mark="A23")
+        wait_until(lambda: not stands(simulator), "the robot drives")
+        switched_off = simulator.inject("off")
+        robot.wait_lost()
+        limit(speed_limit=0.2)
+        stop_time(simulator)  # so that no further report comes
+        switched_off.clear()
+        wait_until(lambda: self.sent(simulator, kind) == [0.2], "the limit is sent")
+
+    def test_another_clients_navigation_gets_it_after_a_loss_of_the_link(
+        self, robot: Robot, simulator: SimulatorThread, limit: Callable[..., None]
+    ) -> None:
+        """Also if the navigation before ended during the loss, without a report."""
+        slow_down(simulator)
+        limit(speed_limit=0.3)
+        goal = go(robot, 1.0)
+        wait_until(lambda: self.sent(simulator, CallAction) == [0.3], "the limit is sent")
+        switched_off = simulator.inject("off")
+        robot.wait_lost()
+        hurry(simulator)
+        wait_until(lambda: not navigates(simulator), "the end of the navigation")
+        switched_off.clear()
+        goal.result()
+        slow_down(simulator)
+        simulator.call(
+            lambda sim: sim.chassis.ownership.start_action(MOVE_BASE, Navigate(Pose(*START)))
+        )
+        wait_until(lambda: self.sent(simulator, CallAction) == [0.3] * 2, "the limit is sent")
 
     @pytest.mark.parametrize(
         "fields",

@@ -10,6 +10,7 @@ from typing import Any
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.robot.readiness import CONTROL_MODES, EMERGENCY_STOP
 from woosh_robot_agent.ros.nav2.goals import (
@@ -77,12 +78,15 @@ class _Behavior(Nav2Action):
         Raises:
             GoalEnd: the step was not made.
         """
-        if not (math.isfinite(value) and 0.0 < speed < math.inf):
+        step = StepControl.Step(mode=mode, value=value, speed=speed)
+        # its numbers have 32 bits, in which a large one is infinite
+        if not (math.isfinite(step.value) and 0.0 < step.speed < math.inf):
             raise GoalEnd(
-                f"a step of {value:g} at a speed of {speed:g} is not possible", "INVALID_INPUT"
+                f"a step of {value:g} at a speed of {speed:g} is not possible: check the goal, and "
+                "cmd_vel_max_linear and cmd_vel_max_angular",
+                "INVALID_INPUT",
             )
         _limit_time(goal)
-        step = StepControl.Step(mode=mode, value=value, speed=speed)
         is_blind = getattr(goal.request, "disable_collision_checks", False)
         # avoid: 0 switches obstacle avoidance on, 1 off
         command = StepControl(action=kExecute, steps=[step], avoid=int(is_blind))
@@ -194,7 +198,6 @@ class AssistedTeleop(Nav2Action):
         """The running goal."""
         self._preempted: asyncio.Future[None]
         """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
-        robot.gate.on_stop(self._stopped)
         stamped = standard.settings().cmd_vel_stamped
         standard.subscribe(
             "cmd_vel_teleop",
@@ -219,16 +222,23 @@ class AssistedTeleop(Nav2Action):
                 goal.stop(GoalEnd(reason))
             goal.feedback(current_teleop_duration=to_duration(goal.elapsed))
 
+        end: GoalEnd | None = None
         try:
             await goal.wait_for(self._preempted, tick)
+        except GoalEnd as reason:
+            end = reason
         finally:
             self._goal = None
             self._driver.drive(0.0, 0.0, 0.0)  # stop the robot at once
-            await self.context.pose.wait_until_standing()
+        await self.context.pose.wait_until_standing()  # not when the agent stops
+        if end is not None:
+            raise end
 
     def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
         standard, gate = self.context.standard, self.context.standard.robot.gate
+        if refusal := standard.robot.chassis.refusal(Twist()):
+            return refusal
         if standard.robot.chassis.state is not LinkState.READY:
             return "there is no link to the robot"
         if gate.owner and not standard.settings().velocity_limits.override:
@@ -237,10 +247,6 @@ class AssistedTeleop(Nav2Action):
         return "; ".join(
             str(each) for each in self.context.objections_except_busy if each in preventing
         )
-
-    def _stopped(self) -> None:
-        if self._goal is not None:
-            self._goal.stop(GoalEnd("cancelled by the service stop"))
 
     def _drive(self, message: Any, info: Any, taken: float) -> None:
         if self._goal is None:

@@ -23,7 +23,9 @@ from woosh_robot_agent.ros.nav2.navigation import transform_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
 _NEAR = 1.0
-"""Maximum distance between `dock_pose`, or a docked robot, and its charger, in metres."""
+"""Maximum distance between `dock_pose`, or a robot that charges, and its charger, in metres."""
+_DOCKED = 0.3
+"""Maximum distance between a docked robot and its charger, in metres. Outside, it is farther."""
 
 
 class _Phase(NamedTuple):
@@ -82,10 +84,11 @@ class DockRobot(_Docking):
         if not request.use_dock_id:
             await transform_all(self.context.frames, [request.dock_pose])
         self.log_unused(request, "dock_type")
+        self.log_unused(request, "navigate_to_staging_pose", True)
 
     async def execute(self, goal: Nav2Goal) -> None:
         request = goal.request
-        chargers = await self.chargers()
+        chargers = await goal.run(self.chargers(), "chargers")
         mark = self._find_mark(request, chargers)
         here = self.context.pose.pose
         if self.is_charging and here is not None:
@@ -175,7 +178,7 @@ class UndockRobot(_Docking):
         seconds = float(goal.request.max_undocking_time)
         late = f"undocking has taken longer than max_undocking_time, {seconds:g} s"
         goal.set_timeout(seconds, GoalEnd(late, "TIMEOUT"))
-        await self._check_docked()
+        await goal.run(self._check_docked(), "chargers")
         await self._end_task(goal)
         command = ChargeControl(execute_mode=ChargeControl.kExit, action=kExecute)
         try:
@@ -186,23 +189,23 @@ class UndockRobot(_Docking):
             raise
 
     async def _check_docked(self) -> None:
-        """Check that the robot charges, is on its way to a charger, or stands near one.
+        """Check that the robot charges, or stands in a charger.
 
         A full robot in a charger does not charge, so the place decides, too.
 
         Raises:
             GoalEnd: the robot is in no charger, or its pose is unknown.
         """
-        if self.is_charging or self._has_charging_task():
+        if self.is_charging:
             return
         here = self.context.pose.pose
         if here is None:
             raise GoalEnd("the robot's pose is not known: wait for the link to the robot")
         distance, _ = _nearest(await self.chargers(), here)
-        if distance > _NEAR:
+        if distance > _DOCKED:
             raise GoalEnd(
                 f"the robot is in no charger: it does not charge, and no charger is within "
-                f"{_NEAR:g} m of it",
+                f"{_DOCKED:g} m of it",
                 "DOCK_NOT_VALID",
             )
 
@@ -216,7 +219,9 @@ class UndockRobot(_Docking):
         if not self._has_charging_task():
             return
         try:
-            answer = await robot.gate.request(ActionOrder(order=action.kCancel))
+            answer = await goal.run(
+                robot.gate.request(ActionOrder(order=action.kCancel)), "cancel of the charging task"
+            )
         except LinkError as error:
             raise GoalEnd(str(error)) from None
         if not answer.ok and self._has_charging_task():

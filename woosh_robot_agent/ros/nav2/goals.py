@@ -11,9 +11,9 @@ import asyncio
 import logging
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from builtin_interfaces.msg import Duration
 from google.protobuf.message import Message
@@ -40,6 +40,8 @@ from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.qos import RARE_QOS
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard_endpoints import BY_NAME
+
+T = TypeVar("T")
 
 _LOG = logging.getLogger(__name__)
 _PERIOD = 0.1
@@ -200,10 +202,14 @@ class Nav2Goal:
         """Publish feedback with these fields."""
         self._goal.feedback(self._feedback_class(**fields))
 
-    def stop(self, reason: GoalEnd) -> None:
-        """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
+    def send_no_more(self, reason: GoalEnd) -> None:
+        """End the goal for a reason, unless it is already ending; let the chassis's goal end."""
         if not self.is_ending:
             self._reason.set_result(reason)
+
+    def stop(self, reason: GoalEnd) -> None:
+        """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
+        self.send_no_more(reason)
         if self._chassis_goal is not None:
             self._chassis_goal.cancel()
 
@@ -222,8 +228,7 @@ class Nav2Goal:
     def replace(self, older: Nav2Goal) -> None:
         """Replace a navigation without a stop, once the chassis has accepted this goal."""
         self._older = older
-        if not older.is_ending:  # unlike `stop`, this lets the robot drive on for now
-            older._reason.set_result(GoalEnd(_REPLACED))
+        older.send_no_more(GoalEnd(_REPLACED))
 
     def raise_if_ending(self) -> None:
         """Raise the reason that ends the goal, if there is one.
@@ -288,10 +293,10 @@ class Nav2Goal:
         if end.outcome is Outcome.CANCELED:
             await self._context.pose.wait_until_standing()
             raise reason
+        if str(reason) == _REPLACED:
+            raise reason
         # the cancel had no effect: the text of the failure says that the robot may go on
-        if reason.outcome is Outcome.CANCELED or reason.code == "TIMEOUT":
-            raise await self._failure(end, sent)
-        raise reason
+        raise await self._failure(end, sent)
 
     async def _failure(self, end: End, sent: float) -> FailedCommand:
         """Return the failure of a command that was sent at a loop time."""
@@ -313,6 +318,23 @@ class Nav2Goal:
         await self._repeat(tick, self._reason, future.done, future)
         if not future.done():
             self.raise_if_ending()
+
+    async def run(self, work: Coroutine[Any, Any, T], name: str) -> T:
+        """Run a coroutine, which is cancelled if the goal ends before, and return its result.
+
+        Args:
+            work: the coroutine, e.g. one that waits for an answer of the chassis.
+            name: its name, for debugging.
+
+        Raises:
+            GoalEnd: the goal has ended before.
+        """
+        task = start_task(work, name=f"nav2: {name}")
+        try:
+            await self.wait_for(task)
+            return task.result()
+        finally:
+            task.cancel()
 
     async def wait_until(self, condition: Callable[[], bool]) -> None:
         """Wait until a condition holds; it is checked ten times a second.
@@ -391,6 +413,11 @@ class Slot:
             each.stop(GoalEnd(_REPLACED))
         for each in older:
             await goal.wait_for(each.ended)
+
+    def stop_called(self) -> None:
+        """End all goals, because the service `stop` cancels what the chassis executes."""
+        for each in self._goals:
+            each.send_no_more(GoalEnd("cancelled by the service stop"))
 
     def stop(self, reason: GoalEnd) -> bool:
         """End the goal that the chassis executes; return False if it executes none."""
@@ -489,9 +516,9 @@ class Nav2Action(ABC):
         for goal in tasks.values():  # a task that had not started has ended no goal
             goal.finish(GoalEnd(STOPPING))
 
-    def log_unused(self, request: Any, field: str) -> None:
-        """Log once that a field has no effect, if the request sets it."""
-        if getattr(request, field, "") and field not in self._logged_fields:
+    def log_unused(self, request: Any, field: str, default: Any = "") -> None:
+        """Log once that a field has no effect, if the request sets it to another value."""
+        if getattr(request, field, default) != default and field not in self._logged_fields:
             self._logged_fields.add(field)
             _LOG.info("%s: %s has no effect: the robot plans by itself", self.name, field)
 

@@ -62,12 +62,14 @@ class Nav2Layer:
     ) -> None:
         pose = RobotPose(standard)
         frames = Frames(standard, lambda: pose.pose, map_to_odom)
+        driving, gate = Slot(), standard.robot.gate
+        gate.on_stop(driving.stop_called)
         self._context = Nav2Context(
-            standard, actions, frames, pose, Slot(), CancelLog(standard.robot.gate), result_timeout
+            standard, actions, frames, pose, driving, CancelLog(gate), result_timeout
         )
         self._teleop = AssistedTeleop(self._context)
         self._actions: list[Nav2Action] = [self._teleop]
-        SpeedLimit(standard, self._context.driving)
+        SpeedLimit(standard, driving)
 
     def start(self) -> None:
         """Create the other actions and the services, and start AssistedTeleop."""

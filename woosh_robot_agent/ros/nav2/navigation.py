@@ -161,7 +161,8 @@ class Progress:
         poses = () if path is None else path.path.poses
         points = numpy.array([(each.x, each.y) for each in poses]).reshape(-1, 2)
         end = (self._goal.x, self._goal.y)
-        if len(points) < 2 or not math.dist(points[-1], end) < _NEAR:  # also if the distance is NaN
+        is_usable = len(points) > 1 and numpy.isfinite(points).all()
+        if not is_usable or math.dist(points[-1], end) >= _NEAR:
             self._points = numpy.empty((0, 2))
             return
         lengths = numpy.hypot(*numpy.diff(points, axis=0).T)

@@ -11,7 +11,6 @@ from nav_msgs.msg import Path
 
 from woosh_robot_agent.link import LinkError, RequestTimeoutError
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, to_duration
@@ -41,12 +40,9 @@ class _Planning(Nav2Action):
             GoalEnd: there is no such path.
         """
         start = goal.request.start if goal.request.use_start else self._robot_pose()
-        planning = start_task(self._path([start, *goals]), name="nav2: path")
         try:
-            await goal.wait_for(planning)
-            goal.result.path = planning.result()
+            goal.result.path = await goal.run(self._path([start, *goals]), "path")
         finally:
-            planning.cancel()
             goal.result.planning_time = to_duration(goal.elapsed)
 
     def _robot_pose(self) -> PoseStamped:

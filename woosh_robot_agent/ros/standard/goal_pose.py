@@ -83,8 +83,9 @@ class GoalPose(Part):
         self._client = ActionClient(context.robot.node, self._action, _MOVE_BASE.name)
         self._newest = 0
         """Number of the newest goal_pose."""
-        self._handle: Any = None
-        """rclpy's handle of the newest goal; None unless the goal is active."""
+        self._handles: list[Any] = []
+        """rclpy's handles of the active goals, oldest first. The robot may have refused the newest
+        one, and still execute the one before."""
         self._sending = False
         """True from a goal_pose until the action server has answered its goal."""
         self._waiting_cancels: list[Reply] = []
@@ -127,9 +128,10 @@ class GoalPose(Part):
 
     def _goal_answered(self, number: int, future: Any) -> None:
         handle = future.result()
+        if handle.accepted:
+            self._handles.append(handle)
         if number == self._newest:
             self._sending = False
-            self._handle = handle if handle.accepted else None
             for reply in self._waiting_cancels:
                 self._cancel(reply)
             self._waiting_cancels.clear()
@@ -138,8 +140,7 @@ class GoalPose(Part):
             result.add_done_callback(lambda future: self._ended(number, handle, future))
 
     def _ended(self, number: int, handle: Any, future: Any) -> None:
-        if handle is self._handle:
-            self._handle = None
+        self._handles.remove(handle)
         response = future.result()
         if response.status == GoalStatus.STATUS_ABORTED and number == self._newest:
             _LOG.error("goal_pose was not reached: %s", response.result.ret.msg)
@@ -153,11 +154,11 @@ class GoalPose(Part):
             self._cancel(reply)
 
     def _cancel(self, reply: Reply) -> None:
-        if self._handle is None:
+        if not self._handles:
             reply.send(Trigger.Response(success=False, message="no goal_pose is active"))
             return
-        cancel = self._handle.cancel_goal_async()
-        cancel.add_done_callback(lambda future: self._cancelled(reply, future))
+        *_, newest = [handle.cancel_goal_async() for handle in self._handles]
+        newest.add_done_callback(lambda future: self._cancelled(reply, future))
 
     @staticmethod
     def _cancelled(reply: Reply, future: Any) -> None:

@@ -104,11 +104,15 @@ class Scan(Part):
             stamp: time of the scan, in nanoseconds.
 
         Raises:
-            ValueError: a number other than a range is not finite.
+            ValueError: a number other than a range is not finite, or no range is possible.
         """
         check_finite("angle", data.angle_min, data.angle_max, data.angle_increment)
         check_finite("time", data.time_increment, data.scan_time)
         check_finite("limit of ranges", data.range_min, data.range_max)
+        if len(data.ranges) and data.range_max <= data.range_min:  # all would become +inf: free
+            raise ValueError(
+                f"range_max is not above range_min: {data.range_max:g} and {data.range_min:g}"
+            )
         message = self._reused
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, _SECOND)
         message.header.frame_id = self._context.frame("scan")
