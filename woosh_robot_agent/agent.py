@@ -232,7 +232,7 @@ _MIB = 1024 * 1024
 _MMAP_THRESHOLD = 32 * _MIB
 """Size from which glibc maps a block separately, in bytes; the largest that glibc allows."""
 _TRIM_THRESHOLD = 256 * _MIB
-"""Size of the unused end of the heap from which glibc returns it at once, in bytes."""
+"""Size of the unused end of the heap above which glibc returns this end at once, in bytes."""
 _TRIM_PERIOD = 5.0
 """Time between two checks of the unused memory, in seconds."""
 _TRIM_GROWTH = 8 * _MIB

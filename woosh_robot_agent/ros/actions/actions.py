@@ -1,4 +1,4 @@
-"""The action servers of all actions in the table, and the goals that they accepted."""
+"""The action servers of all actions in `ACTIONS`, and the goals that they accepted."""
 
 from __future__ import annotations
 
@@ -245,7 +245,7 @@ class Actions:
 
     @property
     def accepted_goals(self) -> list[str]:
-        """Names of the goals that the chassis has accepted; in the link thread."""
+        """Names of the open goals that the chassis has accepted; in the link thread."""
         return [name for each in self._open_goals.values() for name in each.accepted_names]
 
     def _start_for_ros_client(

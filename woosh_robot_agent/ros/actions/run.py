@@ -87,9 +87,9 @@ class _RefusedError(Exception):
 class GoalRun:
     """One goal, from its acceptance by the action server to its end.
 
-    One coroutine at a time reads the queue of events: `_follow` if the goal starts something,
-    `_next_cancel` if it is an order about the running goal. `_follow` sends requests in separate
-    tasks, so handling an event never waits for an answer.
+    The queue of events has at most one reader: `_follow` for a goal that starts something, or
+    `_next_cancel` for an order that succeeds only if a cancel is reported. `_follow` sends requests
+    in separate tasks, so handling an event never waits for an answer.
 
     Args:
         client: gets the reports and the end.
@@ -115,7 +115,8 @@ class GoalRun:
         self._last_report: Message | None = None
         """The last report on this goal."""
         self._feedback_times = deque([-math.inf, -math.inf], maxlen=2)
-        """Loop times of the last two pieces of feedback, oldest first."""
+        """Loop times of the last two pieces of feedback, oldest first; `result_delay` counts from
+        the older one."""
         self._give_up = GiveUp(self._timing, self._clock)
         self._cancellation = Cancellation(
             kind.name,

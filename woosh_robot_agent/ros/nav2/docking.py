@@ -194,7 +194,8 @@ class UndockRobot(_Docking):
         A full robot in a charger does not charge, so the place decides, too.
 
         Raises:
-            GoalEnd: the robot is in no charger, or its pose is unknown.
+            GoalEnd: the robot is in no charger, its pose is unknown, or the chassis does not
+                answer.
         """
         if self.is_charging:
             return
@@ -204,7 +205,7 @@ class UndockRobot(_Docking):
         distance, _ = _nearest(await self.chargers(), here)
         if distance > _DOCKED:
             raise GoalEnd(
-                f"the robot is in no charger: it does not charge, and no charger is within "
+                "the robot is in no charger: it does not charge, and no charger is within "
                 f"{_DOCKED:g} m of it",
                 "DOCK_NOT_VALID",
             )

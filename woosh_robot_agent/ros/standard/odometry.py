@@ -435,19 +435,22 @@ class Odometry:
 
         Args:
             moved: the movement, as a pose in the frame of the last report.
-            arc: the same movement, as driven.
+            arc: the same movement, as an arc at constant velocities.
             after: velocity in this report.
-            interval: time between the receipts of both reports, in seconds.
+            interval: time between the receipts of both reports, at most `_MAX_INTERVAL`, in
+                seconds.
             received: time of receipt of this report.
         """
         before = self.velocity
         forward, turn = (before.forward + after.forward) / 2, (before.turn + after.turn) / 2
-        # The times of receipt are inexact, so the duration is derived from the larger movement.
+        # The times of receipt are inexact, so the duration is derived from the movement: from its
+        # turn if that outweighs the distance, otherwise from its distance.
         turns_mostly = abs(turn) > abs(forward) / LEVER
         speed, distance = (turn, arc.turn) if turns_mostly else (forward, arc.forward)
         duration = distance / speed if speed else 0.0
         duration = min(max(duration, 0.0), interval + _MAX_DELAY)
         error = moved.seen_from(Pose2D.from_arc(forward * duration, 0.0, turn * duration))
+        # a jump is expected: tolerate less, to notice a small one
         if received <= self._pose_set_until:
             limit = _POSE_SET_TOLERANCE
             if not (before.moving or after.moving):
@@ -458,11 +461,14 @@ class Odometry:
         turn_margin = abs(after.turn - before.turn) * interval / 2
         position_tolerance = _POSITION_TOLERANCE + forward_margin
         heading_tolerance = _HEADING_TOLERANCE + turn_margin
-        # A changed speed makes the duration inexact, and so the smaller movement in that time.
+        # If the speed has changed, the derived duration is inexact. The other movement was
+        # predicted over that duration, so it gets a wider tolerance.
         if turns_mostly:
-            position_tolerance += abs(forward) * min(turn_margin / abs(turn), interval)
+            duration_error = min(turn_margin / abs(turn), interval)
+            position_tolerance += abs(forward) * duration_error
         elif forward:
-            heading_tolerance += abs(turn) * min(forward_margin / abs(forward), interval)
+            duration_error = min(forward_margin / abs(forward), interval)
+            heading_tolerance += abs(turn) * duration_error
         return (
             abs(error.x) > position_tolerance
             or abs(error.theta) > heading_tolerance

@@ -212,7 +212,7 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
         base.id = next(each for each in count(int(chassis.time)) if each not in sets)
     if base.id not in sets and len(sets) >= _MAX_SETS:
         raise RefusedError(f"there are already {_MAX_SETS} task sets: delete one of them first")
-    _check_tasks(chassis, kept.task_set)
+    _number_and_check_tasks(chassis, kept.task_set)
     kept.times = _checked_times(kept.times)
     base.no = base.no or str(base.id)
     base.adapter = base.adapter or "woosh"
@@ -249,14 +249,16 @@ def _check_size(request: Message) -> None:
 
 
 def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
-    """Return a checked copy of a task set, with ids where they are missing.
+    """Return a checked copy of a task set, with an id.
+
+    The tasks are numbered if none of them has an id.
 
     Raises:
-        RefusedError: a task of the set is invalid.
+        RefusedError: the set or one of its tasks is invalid.
     """
     task_set = copy_of(given)
     task_set.base.id = task_set.base.id or int(chassis.time)
-    _check_tasks(chassis, task_set)
+    _number_and_check_tasks(chassis, task_set)
     return task_set
 
 
@@ -273,7 +275,7 @@ def _predefined(chassis: Chassis, number: int) -> RepeatTask:
     raise RefusedError(refusals.UNKNOWN_TASK_SET, task_set=number, task_sets=known or "none")
 
 
-def _check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
+def _number_and_check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
     """Check the tasks of a set, and number them if none of them has an id.
 
     Raises:

@@ -41,7 +41,7 @@ RESOLUTION = 0.05
 _ECHO, _MAX_EVIDENCE, _MIN_EVIDENCE = 2, 20, -10
 """Evidence of one echo, and limits of the evidence of a cell. A ray that passes counts -1.
 
-Within the limits, some scans can change a cell, however often it was seen before.
+Because of the limits, a few scans can change a cell, however often it was seen before.
 """
 
 _INTO_WALL = 0.0125
@@ -54,7 +54,7 @@ _MARGIN = 64
 """Number of additional cells by which the grid grows, so that it grows seldom."""
 
 _EDGE = 10
-"""Number of unknown cells around the known cells in the raster."""
+"""Width of the border of unknown cells around the known cells in the raster, in cells."""
 
 _MAX_CELLS = 4096 * 4096
 """Maximum number of cells, as for a map that is read from a picture."""

@@ -20,7 +20,7 @@ Value = Union[str, int, float, "Text"]
 
 
 class Text:
-    """A text in the files `page/texts/*.json`, which have the same keys in each language.
+    """A text in `page/texts/en.json` and `page/texts/zh.json`, which have the same keys.
 
     `str` returns the text in English.
 
@@ -75,10 +75,10 @@ def translated(text: str, languages: str) -> str:
     """Return a text in Chinese if a browser prefers that, otherwise in English.
 
     Args:
-        text: the English text; only a `Said`, which has the key of its translation, is translated.
+        text: the English text; translated if it is a `Said` made by a `Sentence`.
         languages: the `Accept-Language` header of the browser.
     """
-    if not isinstance(text, Said) or not languages.startswith("zh"):
+    if not isinstance(text, Said) or text.key not in SENTENCES or not languages.startswith("zh"):
         return text
     return _texts("said.zh")[text.key].format_map(text.values)
 

@@ -198,8 +198,10 @@ class _MarkEntry:
         type: kind of the mark.
         pose: pose of a robot that stands at the mark; None if only `real` is known.
         real: pose of the place itself; None if it is the same as `pose`.
+        description: text that describes the mark; may be empty.
         details: further fields of the robot's mark, as JSON.
-        where: place of the entry, for errors, e.g. `NAME: marks[3]`; no key of the file.
+        where: place of the entry in the file, for errors, e.g. `NAME: marks[3]`; set by the reader,
+            not a key.
     """
 
     number: str

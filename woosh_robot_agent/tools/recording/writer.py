@@ -37,7 +37,10 @@ from woosh_robot_agent.tools.recording.views import (
 
 _LOG = logging.getLogger(__name__)
 _THINNED = (PoseSpeed, ScannerData)
-"""Types whose views are limited in rate, because an eye cannot follow them at the highest rates."""
+"""Types whose views are limited in rate, because an eye cannot follow them at the highest rates.
+
+They must not contain maps or metadata: only the views of a message that waits are written.
+"""
 _VIEW_PERIOD = 20_000_000
 """Minimum time between two views of a type in `_THINNED`, in ns."""
 _MAX_MAPS = 100
@@ -211,11 +214,11 @@ class RecordingWriter:
             return None
 
     def _add_views(self, message: Message, now: int) -> None:
-        """Write the views, maps and metadata of a message of the chassis."""
+        """Write the views, maps and metadata of a message of the chassis; `now` is in ns."""
         thinned = self._thinned.get(type(message))
         if thinned is not None:
             if now - thinned.shown_at < _VIEW_PERIOD:
-                thinned.waiting = message
+                thinned.waiting = message  # it has only views: see _THINNED
                 return
             thinned.shown_at, thinned.waiting = now, None
         self._add_views_of(message, now)
@@ -224,6 +227,7 @@ class RecordingWriter:
                 self._log.warn("maps", f"map {found.area.name} is left out: too many at a time")
             else:
                 self._preparing.append(self._worker.submit(prepare_map, found, now))
+        # spelled so in the protobuf
         general = message.genral if isinstance(message, RobotInfo) else message
         if isinstance(general, General):
             self._set_robot(general)
