@@ -41,6 +41,37 @@ export function Stage() {
     map = new MapCanvas(/** @type {HTMLCanvasElement} */ (canvas.current));
     Object.assign(globalThis, { mapCanvas: map }); // for the console of the browser, and for tests
   }, []);
+/** @type {Record<string, [string, string][]>} how each layer looks: paths in 24 x 24 pixels with their style */
+const SWATCHES = {
+  laser: [
+    ["M4 18h2v2H4zM7 16h2v2H7zM11 13h2v2h-2zM14 9h2v2h-2zM18 5h2v2h-2z", "fill: var(--laser)"],
+  ],
+  path: [["M3 18 10 9l4 4 7-8", "stroke: var(--accent); stroke-width: 3"]],
+  footprint: [
+    ["M4 7h16v10H4z", "fill: var(--accent)"],
+    ["M17 12l-5-3v6z", "fill: var(--on-accent)"],
+  ],
+  trail: [
+    ["M3 18 10 9l4 4 7-8", "stroke: var(--faint); stroke-width: 1.5; stroke-dasharray: 3 5"],
+  ],
+  marks: [
+    ["M12 4a8 8 0 1 0 0 16 8 8 0 1 0 0-16", "stroke: var(--accent); stroke-width: 1.5"],
+    ["M17.500 12 9 8v8z", "fill: var(--accent)"],
+  ],
+  keepout: [["M0 0h24v24H0z", "fill: var(--fault); fill-opacity: 0.275"]],
+  zones: [
+    [
+      "M4 4h16v16H4z",
+      "fill: var(--warning); fill-opacity: 0.1; stroke: var(--warning); stroke-opacity: 0.8",
+    ],
+    ["M0 12h24", "stroke: var(--edge); stroke-dasharray: 2 4"],
+  ],
+  others: [
+    ["M4 7h16v10H4z", "fill: var(--edge)"],
+    ["M17 12l-5-3v6z", "fill: var(--map-floor)"],
+  ],
+};
+
   return html`<main class="stage ${store.outdated.value ? "outdated" : ""}">
     <${Tools} />
     <div class="map">
@@ -156,7 +187,7 @@ function Layers() {
             checked=${store.robotUp.value}
             onChange=${() => (store.robotUp.value = !store.robotUp.value)}
           />
-          ${t("tool.robot-up")}
+          <${Icon} name="north" />${t("tool.robot-up")}
         </label>
         ${Object.entries(shown).map(
           ([name, on]) =>
@@ -177,6 +208,9 @@ function Layers() {
     }
   </div>`;
 }
+              <svg class="swatch" viewBox="0 0 24 24" aria-hidden="true">
+                ${SWATCHES[name].map(([d, style]) => html`<path key=${d} d=${d} style=${style} />`)}
+              </svg>
 
 function Notices() {
   const box = useRef(/** @type {HTMLElement | null} */ (null));
