@@ -6,7 +6,7 @@ import * as commands from "../commands.js";
 import { checkStickPlace, keysOff, stickPlace } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
-import { degrees, goalText, Icon, placeText, speedText, useSettling } from "./parts.js";
+import { degrees, goalText, Icon, placeText, speedTexts, useSettling } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
 
@@ -78,9 +78,10 @@ function CurrentTask() {
   const isBusy = reason?.key === "objection.busy.reason"; // the report of the task comes later
   const isAuto = store.robot.value?.control === "auto";
   const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy;
+  const speed = store.control.value?.limits.linear;
   const hints = [
     mayGo && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
-    mayDrive && t("dock.hintDrive"),
+    mayDrive && speed && t("dock.hintDrive", { speed }),
     limitText(),
   ];
   return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;
@@ -110,8 +111,12 @@ function Now({ title, text, more = "", button }) {
 /** Return the speed, or why the robot takes no task, or else its state. */
 function stateText() {
   const { robot, pose, outdated } = store;
-  const moves = pose.value && !outdated.value && (pose.value.linear || pose.value.angular);
-  if (pose.value && moves) return speedText(pose.value);
+  const { linear = 0, angular = 0 } = pose.value ?? {};
+  const drives = linear || angular || (store.held.value && !refusal("drive"));
+  if (pose.value && !outdated.value && drives) {
+    const [forward, turn] = speedTexts(pose.value);
+    return html`<span class="speed">${forward}</span> · ${turn}`;
+  }
   const reason = refusal("go");
   if (reason && reason.key !== "reason.controlled") return say(reason);
   const state = hasFault() ? "fault" : (robot.value?.state ?? "");

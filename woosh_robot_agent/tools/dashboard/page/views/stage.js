@@ -8,7 +8,16 @@ import * as store from "../store.js";
 import { clock, meaningOf, moment, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
 import { openTab, useMatches } from "./panel.js";
-import { alarmText, Icon, objectionText, ofRobot, placeText, tiny, toneOf } from "./parts.js";
+import {
+  alarmText,
+  Icon,
+  mapText,
+  objectionText,
+  ofRobot,
+  placeText,
+  tiny,
+  toneOf,
+} from "./parts.js";
 import { outcomeText, TONES } from "./tasks.js";
 
 /** @typedef {[string, () => void]} Action  text of a button, and what it does */
@@ -32,15 +41,6 @@ export const wrongTone = computed(() => {
   return isBad ? "bad" : wrongCount.value ? "warn" : "";
 });
 
-/** @type {MapCanvas | null} */
-let map = null;
-
-export function Stage() {
-  const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
-  useEffect(() => {
-    map = new MapCanvas(/** @type {HTMLCanvasElement} */ (canvas.current));
-    Object.assign(globalThis, { mapCanvas: map }); // for the console of the browser, and for tests
-  }, []);
 /** @type {Record<string, [string, string][]>} how each layer looks: paths in 24 x 24 pixels with their style */
 const SWATCHES = {
   laser: [
@@ -72,6 +72,15 @@ const SWATCHES = {
   ],
 };
 
+/** @type {MapCanvas | null} */
+let map = null;
+
+export function Stage() {
+  const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
+  useEffect(() => {
+    map = new MapCanvas(/** @type {HTMLCanvasElement} */ (canvas.current));
+    Object.assign(globalThis, { mapCanvas: map }); // for the console of the browser, and for tests
+  }, []);
   return html`<main class="stage ${store.outdated.value ? "outdated" : ""}">
     <${Tools} />
     <div class="map">
@@ -199,6 +208,9 @@ function Layers() {
                 disabled=${Boolean(empty[name])}
                 onChange=${() => (store.layers.value = { ...shown, [name]: !on })}
               />
+              <svg class="swatch" viewBox="0 0 24 24" aria-hidden="true">
+                ${SWATCHES[name].map(([d, style]) => html`<path key=${d} d=${d} style=${style} />`)}
+              </svg>
               <span
                 >${t(`layer.${name}`)}${empty[name] && html`<small>${empty[name]}</small>`}</span
               >
@@ -208,9 +220,6 @@ function Layers() {
     }
   </div>`;
 }
-              <svg class="swatch" viewBox="0 0 24 24" aria-hidden="true">
-                ${SWATCHES[name].map(([d, style]) => html`<path key=${d} d=${d} style=${style} />`)}
-              </svg>
 
 function Notices() {
   const box = useRef(/** @type {HTMLElement | null} */ (null));
@@ -399,7 +408,10 @@ function dismissDoubt(doubt) {
   store.dismissed.value = [...store.dismissed.value, doubtKey(doubt)];
 }
 
-/** The line below the map: the last answer or the end of its task, and the place under the pointer. */
+/**
+ * The line below the map: the last answer or the end of its task, and the place under the pointer.
+ * Without a pointer, it names the map, unless the answer needs the room.
+ */
 function AnswerLine() {
   const answer = store.answer.value;
   const at = store.pointed.value;
@@ -415,6 +427,8 @@ function AnswerLine() {
     <p id="answer" role="status" class=${tone} title=${shown} tabindex=${shown ? 0 : undefined}>
       ${shown}
     </p>
-    <p id="pointed" aria-hidden="true">${at && placeText(at)}</p>
+    <p id="pointed" aria-hidden="true">
+      ${at ? placeText(at) : html`<span>${mapText(store.shownMap.value)}</span>`}
+    </p>
   </div>`;
 }
