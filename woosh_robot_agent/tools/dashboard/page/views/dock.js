@@ -3,7 +3,7 @@
 import { html, useEffect, useRef } from "../vendor/preact.js";
 import { commandProps, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
-import { checkStickPlace, keysOff, stickPlace } from "../drive.js";
+import { checkStickPlace, keysOff, stickPlace, toggleSlow } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
 import { degrees, goalText, Icon, placeText, speedTexts, useSettling } from "./parts.js";
@@ -44,6 +44,12 @@ function ControlOwner() {
       : t("owner.other", { name: owner });
   return html`<div class="owner">
     <p id="owner" role="status">${text}</p>
+    ${
+      isMine &&
+      html`<button type="button" class="quiet" id="release" onClick=${commands.release}>
+        ${t("owner.release")}
+      </button>`
+    }
     <button
       type="button"
       class="quiet"
@@ -56,12 +62,16 @@ function ControlOwner() {
     >
       <${Icon} name="keys" />
     </button>
-    ${
-      isMine &&
-      html`<button type="button" class="quiet" id="release" onClick=${commands.release}>
-        ${t("owner.release")}
-      </button>`
-    }
+    <button
+      type="button"
+      class="quiet"
+      id="slow"
+      aria-pressed=${store.slow.value}
+      title=${t("slow.title")}
+      onClick=${toggleSlow}
+    >
+      ${t("slow.name")}
+    </button>
   </div>`;
 }
 
@@ -78,10 +88,10 @@ function CurrentTask() {
   const isBusy = reason?.key === "objection.busy.reason"; // the report of the task comes later
   const isAuto = store.robot.value?.control === "auto";
   const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy;
-  const speed = store.control.value?.limits.linear;
+  const speed = store.stickLimits.value.linear;
   const hints = [
     mayGo && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
-    mayDrive && speed && t("dock.hintDrive", { speed }),
+    mayDrive && speed && t("dock.hintDrive", { speed: speed.toFixed(2) }),
     limitText(),
   ];
   return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;

@@ -51,9 +51,7 @@ const SWATCHES = {
     ["M4 7h16v10H4z", "fill: var(--accent)"],
     ["M17 12l-5-3v6z", "fill: var(--on-accent)"],
   ],
-  trail: [
-    ["M3 18 10 9l4 4 7-8", "stroke: var(--faint); stroke-width: 1.5; stroke-dasharray: 3 5"],
-  ],
+  trail: [["M3 18 10 9l4 4 7-8", "stroke: var(--faint); stroke-width: 1.5; stroke-dasharray: 3 5"]],
   marks: [
     ["M12 4a8 8 0 1 0 0 16 8 8 0 1 0 0-16", "stroke: var(--accent); stroke-width: 1.5"],
     ["M17.500 12 9 8v8z", "fill: var(--accent)"],
