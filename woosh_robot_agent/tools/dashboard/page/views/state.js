@@ -133,7 +133,7 @@ function BatteryLine({ battery }) {
     `${battery.power} %`,
     battery.charging && t("battery.charging"),
     trend !== null && t("battery.trend", { change: trend > 0 ? `+${trend}` : String(trend) }),
-    timeLeftText(),
+    !battery.charging && timeLeftText(),
     battery.temperature > 0 && `${battery.temperature} °C`,
     battery.cycles > 0 && t("battery.cycles", { count: battery.cycles }),
   ];
