@@ -203,3 +203,61 @@ def test_keys_whose_switch_goes_out_of_sight_are_off(
     assert not browser.script(_HELD)
     key(browser, "keyUp", "ArrowUp")
     assert robot.counts[full_name(Twist)] == 0
+
+
+def test_a_slow_stick_drives_at_a_third_also_after_a_reload(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    def fastest() -> float:
+        """Return the greatest velocity since the last call."""
+        sent = [each.message for each in robot.received if each.type == full_name(Twist)][seen[0] :]
+        seen[0] += len(sent)
+        return max((each.linear for each in sent), default=0.0)
+
+    seen = [0]
+    slow = "document.querySelector('#slow')"
+    for reload in (False, True):
+        if reload:
+            browser.driver.refresh()
+            browser.wait_for_map()
+        else:
+            browser.press("#slow")
+        assert browser.script(f"{slow}.ariaPressed") == "true"
+        eventually(lambda: "up to 0.17 m/s" in browser.text("#now"), "the hint")
+        browser.drive(robot)
+        assert 0.0 < fastest() <= 0.17
+        browser.release()
+    browser.press("#keyboard")
+    hold_key(browser, lambda: is_driving(robot))
+    assert 0.15 < fastest() <= 0.17
+    browser.script(f"{slow}.click()")  # as an assistive technology does
+    assert browser.script("store.held.value === null"), "no press gets faster"
+    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
+    assert fastest() <= 0.17
+    key(browser, "keyUp", "ArrowUp")
+    assert browser.script(f"{slow}.ariaPressed") == "false"
+    browser.drive(robot)
+    eventually(lambda: fastest() > 0.3, "the full speed")
+    browser.release()
+
+
+@pytest.mark.parametrize(("width", "height"), [(320, 568), (360, 640), (1024, 768), (844, 390)])
+def test_the_switches_at_the_stick_keep_their_places_when_the_control_changes(
+    browser: Browser, width: int, height: int
+) -> None:
+    places = """["#keyboard", "#slow"].map((selector) =>
+      JSON.stringify(document.querySelector(selector).getBoundingClientRect()))"""
+    cut = """[...document.querySelectorAll(".owner > *")].filter((each) => each.offsetWidth > 1 &&
+      (each.scrollWidth > each.clientWidth || each.scrollHeight > each.clientHeight + 2))
+      .map((each) => each.outerHTML)"""
+    browser.set_screen(width, height)
+    eventually(lambda: browser.script("innerWidth") == width, "the size")
+    assert browser.script(cut) == []
+    former = browser.script(places)
+    browser.script("connection.command('speedLimit', {limit: null})")
+    eventually(lambda: browser.elements("#release"), "the control")
+    assert browser.script(cut) == []
+    assert browser.script(places) == former
+    browser.press("#release")
+    eventually(lambda: browser.text("#owner") == "Nobody has control", "the release")
+    assert browser.script(places) == former

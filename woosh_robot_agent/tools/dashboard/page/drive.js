@@ -3,11 +3,21 @@
 import { effect } from "./vendor/preact.js";
 import { connection, stop, tell } from "./commands.js";
 import * as store from "./store.js";
+import { remember, remembered } from "./texts.js";
 
 const PERIOD = 50; // milliseconds between two velocities
+const SLOW = "woosh.slow"; // in the storage of the browser
 
 let press = 0; // number of the current or last press
 let timer = 0; // of the velocities; 0 while nothing is held
+store.slow.value = remembered(SLOW) === "true";
+
+/** Drive slowly, or no longer. Only the next press does so: a held stick gets no faster. */
+export function toggleSlow() {
+  store.letGo();
+  store.slow.value = !store.slow.value;
+  remember(SLOW, String(store.slow.value));
+}
 
 effect(() => {
   const isHeld = store.held.value !== null;

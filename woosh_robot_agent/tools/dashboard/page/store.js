@@ -140,6 +140,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
 
 /** Commands that give a task. */
 export const TASK_COMMANDS = ["go", "goMark", "charge"];
+const SLOW = 1 / 3; // share of the limits to which a slow stick drives
 const DEAD_ZONE = 0.12; // fraction of the stick's radius within which it does not drive
 /** @type {Record<string, [number, number]>} directions of the stick, right and up, by the code of the key */
 export const KEY_DIRECTIONS = {
@@ -259,6 +260,14 @@ export const endedLimit = computed(() => endedLimits.value.get(address.value));
 export const pending = state(/** @type {ReadonlySet<string>} */ (new Set()));
 /** True if the arrow keys drive. */
 export const keyboard = state(false);
+/** True if stick and arrow keys drive slowly. */
+export const slow = state(false);
+/** Maximum velocities of stick and arrow keys, in m/s and rad/s; 0 until they are known. */
+export const stickLimits = computed(() => {
+  const { linear, angular } = control.value?.limits ?? { linear: 0, angular: 0 };
+  const share = slow.value ? SLOW : 1;
+  return { linear: linear * share, angular: angular * share };
+});
 /** The pointer that holds the stick; null without one. */
 export const grip = state(/** @type {Grip | null} */ (null));
 /** Codes of the arrow keys that are down and drive. */
@@ -378,7 +387,7 @@ export function receiveScan(buffer) {
  * @param {number} up
  */
 function stickVelocity(right, up) {
-  const { linear, angular } = control.value?.limits ?? { linear: 0, angular: 0 };
+  const { linear, angular } = stickLimits.value;
   const live = (/** @type {number} */ value) => (Math.abs(value) < DEAD_ZONE ? 0 : value);
   return {
     linear: live(up) * linear,

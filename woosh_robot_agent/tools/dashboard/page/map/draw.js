@@ -43,6 +43,7 @@ const DEFAULT_OUTLINE = [
 ]; // outline of a robot that has not reported its own, in metres
 const MIN_RADIUS = 16; // minimum pixels from the middle of a robot to its farthest corner
 const FONT = "600 12px system-ui, sans-serif"; // of the texts
+const BOLT = new Path2D("M1 -6 -4 1H-.5L-1.500 6 4 -1H.5z"); // of a charger, around its middle
 const MANY_MARKS = 150; // if more marks are on the screen, they are drawn without texts
 
 /**
@@ -191,25 +192,50 @@ function drawMarks(painter, { marks, chosenMark }) {
   const many = shown.length > MANY_MARKS;
   for (const { mark, at } of shown) {
     const chosen = mark.number === chosenMark;
+    const hasSymbol = !many && ["charger", "parkspot"].includes(mark.type);
+    const contrast = chosen ? colours["on-accent"] : colours.accent;
     context.save();
     context.translate(at.x, at.y);
     context.rotate(-mark.theta - view.angle);
+    if (hasSymbol) {
+      context.fillStyle = colours.accent;
+      triangle(context, 15, 8, 5);
+    }
     context.beginPath();
-    context.arc(0, 0, many ? 3 : 8, 0, 2 * Math.PI);
+    context.arc(0, 0, many ? 3 : hasSymbol ? 9 : 8, 0, 2 * Math.PI);
     context.fillStyle = chosen ? colours.accent : colours["map-floor"];
     context.fill();
     context.strokeStyle = colours.accent;
     context.lineWidth = 1.5;
     context.stroke();
-    context.fillStyle = chosen ? colours["on-accent"] : colours.accent;
-    triangle(context, 5.5, -3, 4);
+    context.fillStyle = contrast;
+    if (!hasSymbol) triangle(context, 5.5, -3, 4);
     context.restore();
+    if (hasSymbol) drawSymbol(context, mark.type, at, contrast);
     if (many && !chosen) continue;
     // at the right edge, the text is to the left of the mark
     context.font = FONT;
     const fits = at.x + 11 + context.measureText(mark.number).width < view.width;
     text(painter, mark.number, at.x + (fits ? 11 : -11), at.y - 6, fits ? "left" : "right");
   }
+}
+
+/**
+ * Draw the symbol of a charger or of a parking place, upright.
+ * @param {CanvasRenderingContext2D} context
+ * @param {string} type
+ * @param {Point} at in pixels
+ * @param {string} colour
+ */
+function drawSymbol(context, type, at, colour) {
+  context.save();
+  context.translate(at.x, at.y);
+  context.fillStyle = colour;
+  context.font = "700 12px system-ui, sans-serif";
+  context.textAlign = "center";
+  if (type === "charger") context.fill(BOLT);
+  else context.fillText("P", 0, 4.5);
+  context.restore();
 }
 
 /**

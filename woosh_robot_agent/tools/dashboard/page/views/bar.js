@@ -5,7 +5,7 @@ import { chooseRobot, stop, tell } from "../commands.js";
 import * as store from "../store.js";
 import { alarmCount, LANGUAGES, language, say, setLanguage, t, tOr } from "../texts.js";
 import { openTab } from "./panel.js";
-import { Icon, robotLabel, robotName, shortLabel } from "./parts.js";
+import { Icon, robotLabel, robotName, shortLabel, workText } from "./parts.js";
 import { wrongCount, wrongTone } from "./stage.js";
 
 export function Bar() {
@@ -76,8 +76,13 @@ function delayText(delay) {
 function BatteryChip() {
   const battery = store.robot.value?.battery;
   const low = battery && battery.power <= (battery.low || 20) && !battery.charging;
+  const icon = battery?.charging
+    ? html`<${Icon} name="charge" />`
+    : html`<${Icon} name="battery">
+        <rect x="4.5" y="9.5" height="5" width=${0.12 * (battery?.power ?? 0)} />
+      <//>`;
   return html`<div class="chip battery ${low ? "warn" : ""}" title=${t("robot.battery")}>
-    <${Icon} name=${battery?.charging ? "charge" : "battery"} />
+    ${icon}
     <span class="power">${battery ? `${battery.power} %` : "–"}</span>
   </div>`;
 }
@@ -94,22 +99,24 @@ function ModeChip() {
   >
     <${Icon} name="auto" />
     <span class=${workHinders ? "wide" : ""}>${tOr(`control.${control}`, control)}</span>
-    <small class=${workHinders ? "" : "wide"}>${work && tOr(`work.${work}`, work)}</small>
+    <small class=${workHinders ? "" : "wide"}>${work && workText(work)}</small>
   </div>`;
 }
 
 function AlarmChip() {
   const count = wrongCount.value;
+  const calm = !count && store.robot.value?.known;
+  const text = calm ? t("alarms.none") : alarmCount(count);
   return html`<button
     type="button"
     class="chip ${wrongTone.value}"
-    aria-label=${alarmCount(count)}
-    title=${alarmCount(count)}
+    aria-label=${text}
+    title=${text}
     onClick=${() => openTab("state")}
   >
-    <${Icon} name="alarm" />
-    <span class="narrow">${count}</span>
-    <span class="wide">${alarmCount(count)}</span>
+    <${Icon} name=${calm ? "end" : "alarm"} />
+    ${!calm && html`<span class="narrow">${count}</span>`}
+    <span class="wide">${text}</span>
   </button>`;
 }
 

@@ -3,10 +3,10 @@
 import { html, useEffect, useRef } from "../vendor/preact.js";
 import { commandProps, refusal } from "../allowed.js";
 import * as commands from "../commands.js";
-import { checkStickPlace, keysOff, stickPlace } from "../drive.js";
+import { checkStickPlace, keysOff, stickPlace, toggleSlow } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
-import { degrees, goalText, Icon, placeText, speedText, useSettling } from "./parts.js";
+import { degrees, goalText, Icon, placeText, speedTexts, useSettling } from "./parts.js";
 import { TaskOptions } from "./go.js";
 import { taskButtons, taskState } from "./tasks.js";
 
@@ -44,6 +44,12 @@ function ControlOwner() {
       : t("owner.other", { name: owner });
   return html`<div class="owner">
     <p id="owner" role="status">${text}</p>
+    ${
+      isMine &&
+      html`<button type="button" class="quiet" id="release" onClick=${commands.release}>
+        ${t("owner.release")}
+      </button>`
+    }
     <button
       type="button"
       class="quiet"
@@ -56,12 +62,16 @@ function ControlOwner() {
     >
       <${Icon} name="keys" />
     </button>
-    ${
-      isMine &&
-      html`<button type="button" class="quiet" id="release" onClick=${commands.release}>
-        ${t("owner.release")}
-      </button>`
-    }
+    <button
+      type="button"
+      class="quiet"
+      id="slow"
+      aria-pressed=${store.slow.value}
+      title=${t("slow.title")}
+      onClick=${toggleSlow}
+    >
+      ${t("slow.name")}
+    </button>
   </div>`;
 }
 
@@ -78,9 +88,10 @@ function CurrentTask() {
   const isBusy = reason?.key === "objection.busy.reason"; // the report of the task comes later
   const isAuto = store.robot.value?.control === "auto";
   const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy;
+  const speed = store.stickLimits.value.linear;
   const hints = [
     mayGo && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
-    mayDrive && t("dock.hintDrive"),
+    mayDrive && speed && t("dock.hintDrive", { speed: speed.toFixed(2) }),
     limitText(),
   ];
   return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;
@@ -110,8 +121,12 @@ function Now({ title, text, more = "", button }) {
 /** Return the speed, or why the robot takes no task, or else its state. */
 function stateText() {
   const { robot, pose, outdated } = store;
-  const moves = pose.value && !outdated.value && (pose.value.linear || pose.value.angular);
-  if (pose.value && moves) return speedText(pose.value);
+  const { linear = 0, angular = 0 } = pose.value ?? {};
+  const drives = linear || angular || (store.held.value && !refusal("drive"));
+  if (pose.value && !outdated.value && drives) {
+    const [forward, turn] = speedTexts(pose.value);
+    return html`<span class="speed">${forward}</span> · ${turn}`;
+  }
   const reason = refusal("go");
   if (reason && reason.key !== "reason.controlled") return say(reason);
   const state = hasFault() ? "fault" : (robot.value?.state ?? "");

@@ -9,6 +9,8 @@ import { Icon, TYPES, taskType } from "./parts.js";
 
 /** @type {Record<string, string>} usual type of task at a mark, by the type of the mark */
 const USUAL = { charger: "charge", parkspot: "parking" };
+/** @type {Record<string, string>} icons of marks that the map shows with a symbol, by their type */
+const ICONS = { charger: "charge", parkspot: "park" };
 const DIRECTIONS = ["unknown", "feeding", "cutting"];
 
 export function Go() {
@@ -76,7 +78,7 @@ function Mark({ mark }) {
           >${[tOr(`mark.${mark.type}`, mark.type), mark.text].filter(Boolean).join(" · ")}</small
         >
       </span>
-      <${Icon} name="go" />
+      <${Icon} name=${ICONS[mark.type] ?? "go"} />
     </button>
   </li>`;
 }

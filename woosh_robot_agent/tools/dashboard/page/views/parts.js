@@ -43,10 +43,11 @@ const ICONS = {
   tasks: "M9 6h11M9 12h11M9 18h11M4 6h.1M4 12h.1M4 18h.1",
 };
 
-/** @param {{name: string}} props */
-export function Icon({ name }) {
+/** @param {{name: string, children?: unknown}} props  children: what is drawn into the icon */
+export function Icon({ name, children }) {
   return html`<svg class="icon" viewBox="0 0 24 24" aria-hidden="true">
     <path d=${ICONS[name]} />
+    ${children}
   </svg>`;
 }
 
@@ -114,9 +115,19 @@ export function degrees(angle) {
   return `${Math.round((angle * 180) / Math.PI)}°`;
 }
 
-/** Return the speed of a robot. @param {store.Motion} motion */
-export function speedText({ linear, angular }) {
-  return `${linear.toFixed(2)} m/s · ${degrees(angular)}/s`;
+/** Return a work mode so that it does not read as a task that runs. @param {string} work */
+export function workText(work) {
+  return work === "task" ? t("work.taskMode") : tOr(`work.${work}`, work);
+}
+
+/** Return scene and map. @param {{scene: string, map: string}} names */
+export function mapText({ scene, map }) {
+  return [scene, map].filter(Boolean).join(" · ");
+}
+
+/** Return the speed of a robot, ahead and turning. @param {store.Motion} motion */
+export function speedTexts({ linear, angular }) {
+  return [`${linear.toFixed(2)} m/s`, `${degrees(angular)}/s`];
 }
 
 /**

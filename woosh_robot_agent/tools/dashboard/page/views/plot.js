@@ -1,7 +1,7 @@
 // A plot of some values over time, by uPlot.
 
 import { html, useEffect, useRef, useState } from "../vendor/preact.js";
-import { language, t } from "../texts.js";
+import { clock, language, t } from "../texts.js";
 
 const HEIGHT = 110; // pixels
 const INCREMENTS = [60, 300, 600]; // seconds between the times of the axis
@@ -15,6 +15,7 @@ export function Plot({ name, unit, least, times, values }) {
   const plot = useRef(/** @type {import("../vendor/uplot.js").default | null} */ (null));
   const data = useRef(/** @type {[number[], (number | null)[]]} */ ([times, values]));
   const [failed, setFailed] = useState(false);
+  const [pointed, setPointed] = useState(/** @type {number | null} */ (null)); // index of the sample
   data.current = [times, values];
   useEffect(() => {
     let unmounted = false;
@@ -25,7 +26,8 @@ export function Plot({ name, unit, least, times, values }) {
     import("../vendor/uplot.js").then(
       ({ default: UPlot }) => {
         if (unmounted) return;
-        plot.current = new UPlot(options(element, least), data.current, element);
+        plot.current = new UPlot(options(element, least, setPointed), data.current, element);
+        followFinger(plot.current.over);
         resizing.observe(element);
       },
       () => setFailed(true), // the request was lost
@@ -38,21 +40,38 @@ export function Plot({ name, unit, least, times, values }) {
     };
   }, [language.value]);
   useEffect(() => plot.current?.setData(data.current), [times.length, times.at(-1)]);
-  const last = values.at(-1);
-  const now = last === null || last === undefined ? "–" : last;
+  const index = pointed ?? values.length - 1;
+  const time = pointed !== null && times[index] ? `${clock(times[index] * 1000)} · ` : "";
   return html`<figure class="plot">
-    <figcaption>${name}<span>${now} ${unit}</span></figcaption>
+    <figcaption>${name}<span>${time}${values[index] ?? "–"} ${unit}</span></figcaption>
     ${failed && html`<p class="faint">${t("plot.failed")}</p>`}
     <div ref=${box} aria-hidden="true"></div>
   </figure>`;
 }
 
 /**
+ * Move the cursor of a plot, which otherwise follows only a mouse, with a finger.
+ * @param {HTMLElement} over
+ */
+function followFinger(over) {
+  /** @type {Record<string, string>} */
+  const events = { pointerdown: "mousemove", pointermove: "mousemove", pointerleave: "mouseleave" };
+  for (const [name, replaced] of Object.entries(events)) {
+    over.addEventListener(name, (event) => {
+      const { pointerType, clientX, clientY } = /** @type {PointerEvent} */ (event);
+      if (pointerType !== "mouse")
+        over.dispatchEvent(new MouseEvent(replaced, { clientX, clientY }));
+    });
+  }
+}
+
+/**
  * @param {HTMLElement} element
  * @param {number} least
+ * @param {(index: number | null) => void} onPoint called with the index of the sample at the pointer
  * @returns {import("../vendor/uplot.js").default.Options}
  */
-function options(element, least) {
+function options(element, least, onPoint) {
   const colour = (/** @type {string} */ name) => () =>
     getComputedStyle(document.documentElement).getPropertyValue(`--${name}`);
   const axis = {
@@ -66,7 +85,8 @@ function options(element, least) {
     height: HEIGHT,
     padding: [8, 20, 0, 0],
     legend: { show: false },
-    cursor: { drag: { x: false, y: false } },
+    cursor: { drag: { x: false, y: false }, sync: { key: "plots" } },
+    hooks: { setCursor: [({ cursor }) => onPoint(cursor.idx ?? null)] },
     scales: { y: { range: (_, low, high) => [Math.min(0, low ?? 0), Math.max(least, high ?? 0)] } },
     axes: [
       {

@@ -8,7 +8,16 @@ import * as store from "../store.js";
 import { clock, meaningOf, moment, say, t } from "../texts.js";
 import { linkText } from "./bar.js";
 import { openTab, useMatches } from "./panel.js";
-import { alarmText, Icon, objectionText, ofRobot, placeText, tiny, toneOf } from "./parts.js";
+import {
+  alarmText,
+  Icon,
+  mapText,
+  objectionText,
+  ofRobot,
+  placeText,
+  tiny,
+  toneOf,
+} from "./parts.js";
 import { outcomeText, TONES } from "./tasks.js";
 
 /** @typedef {[string, () => void]} Action  text of a button, and what it does */
@@ -31,6 +40,35 @@ export const wrongTone = computed(() => {
   const isBad = store.alarms.value.size || notices().some(({ tone }) => tone === "bad");
   return isBad ? "bad" : wrongCount.value ? "warn" : "";
 });
+
+/** @type {Record<string, [string, string][]>} how each layer looks: paths in 24 x 24 pixels with their style */
+const SWATCHES = {
+  laser: [
+    ["M4 18h2v2H4zM7 16h2v2H7zM11 13h2v2h-2zM14 9h2v2h-2zM18 5h2v2h-2z", "fill: var(--laser)"],
+  ],
+  path: [["M3 18 10 9l4 4 7-8", "stroke: var(--accent); stroke-width: 3"]],
+  footprint: [
+    ["M4 7h16v10H4z", "fill: var(--accent)"],
+    ["M17 12l-5-3v6z", "fill: var(--on-accent)"],
+  ],
+  trail: [["M3 18 10 9l4 4 7-8", "stroke: var(--faint); stroke-width: 1.5; stroke-dasharray: 3 5"]],
+  marks: [
+    ["M12 4a8 8 0 1 0 0 16 8 8 0 1 0 0-16", "stroke: var(--accent); stroke-width: 1.5"],
+    ["M17.500 12 9 8v8z", "fill: var(--accent)"],
+  ],
+  keepout: [["M0 0h24v24H0z", "fill: var(--fault); fill-opacity: 0.275"]],
+  zones: [
+    [
+      "M4 4h16v16H4z",
+      "fill: var(--warning); fill-opacity: 0.1; stroke: var(--warning); stroke-opacity: 0.8",
+    ],
+    ["M0 12h24", "stroke: var(--edge); stroke-dasharray: 2 4"],
+  ],
+  others: [
+    ["M4 7h16v10H4z", "fill: var(--edge)"],
+    ["M17 12l-5-3v6z", "fill: var(--map-floor)"],
+  ],
+};
 
 /** @type {MapCanvas | null} */
 let map = null;
@@ -156,7 +194,7 @@ function Layers() {
             checked=${store.robotUp.value}
             onChange=${() => (store.robotUp.value = !store.robotUp.value)}
           />
-          ${t("tool.robot-up")}
+          <${Icon} name="north" />${t("tool.robot-up")}
         </label>
         ${Object.entries(shown).map(
           ([name, on]) =>
@@ -168,6 +206,9 @@ function Layers() {
                 disabled=${Boolean(empty[name])}
                 onChange=${() => (store.layers.value = { ...shown, [name]: !on })}
               />
+              <svg class="swatch" viewBox="0 0 24 24" aria-hidden="true">
+                ${SWATCHES[name].map(([d, style]) => html`<path key=${d} d=${d} style=${style} />`)}
+              </svg>
               <span
                 >${t(`layer.${name}`)}${empty[name] && html`<small>${empty[name]}</small>`}</span
               >
@@ -365,7 +406,10 @@ function dismissDoubt(doubt) {
   store.dismissed.value = [...store.dismissed.value, doubtKey(doubt)];
 }
 
-/** The line below the map: the last answer or the end of its task, and the place under the pointer. */
+/**
+ * The line below the map: the last answer or the end of its task, and the place under the pointer.
+ * Without a pointer, it names the map, unless the answer needs the room.
+ */
 function AnswerLine() {
   const answer = store.answer.value;
   const at = store.pointed.value;
@@ -381,6 +425,8 @@ function AnswerLine() {
     <p id="answer" role="status" class=${tone} title=${shown} tabindex=${shown ? 0 : undefined}>
       ${shown}
     </p>
-    <p id="pointed" aria-hidden="true">${at && placeText(at)}</p>
+    <p id="pointed" aria-hidden="true">
+      ${at ? placeText(at) : html`<span>${mapText(store.shownMap.value)}</span>`}
+    </p>
   </div>`;
 }

@@ -5,7 +5,16 @@ import { connection } from "../commands.js";
 import * as store from "../store.js";
 import { meaningOf, moment, say, t, tOr } from "../texts.js";
 import { linkText } from "./bar.js";
-import { alarmText, degrees, LEVEL_CLASSES, objectionText, placeText, speedText } from "./parts.js";
+import {
+  alarmText,
+  degrees,
+  LEVEL_CLASSES,
+  mapText,
+  objectionText,
+  placeText,
+  speedTexts,
+  workText,
+} from "./parts.js";
 import { Plot } from "./plot.js";
 import { notices, otherProblems, wrongCount } from "./stage.js";
 
@@ -15,6 +24,8 @@ import { notices, otherProblems, wrongCount } from "./stage.js";
 const MAX_SAMPLES = 900; // as many as the dashboard keeps
 const GAP = 10; // seconds between two samples beyond which samples are missing
 const TREND_TIME = 300; // seconds that the samples must span for a trend of the battery
+
+const UNSTEADY = 2; // factor between two paces of the battery beyond which its time left is not known
 
 const samples = signal(/** @type {Sample[]} */ ([]));
 
@@ -61,7 +72,7 @@ function Summary({ robot }) {
       <dt>${t("robot.mode")}</dt>
       <dd>
         ${tOr(`control.${robot.control}`, robot.control ?? "–")} ·${" "}
-        ${tOr(`work.${robot.work}`, robot.work ?? "–")}
+        ${robot.work ? workText(robot.work) : "–"}
       </dd>
       <dt>${t("robot.driver")}</dt>
       <dd>
@@ -71,11 +82,11 @@ function Summary({ robot }) {
       <dt>${t("robot.battery")}</dt>
       <dd><${BatteryLine} battery=${robot.battery} /></dd>
       <dt>${t("robot.map")}</dt>
-      <dd>${[robot.scene, robot.map].filter(Boolean).join(" · ") || t("map.none")}</dd>
+      <dd>${mapText(robot) || t("map.none")}</dd>
       <dt>${t("robot.pose")}</dt>
       <dd>${pose ? `${placeText(pose)} · ${degrees(pose.theta)}` : "–"}</dd>
       <dt>${t("robot.speed")}</dt>
-      <dd>${pose ? speedText(pose) : "–"}</dd>
+      <dd>${pose ? speedTexts(pose).join(" · ") : "–"}</dd>
       ${
         speedLimit &&
         html`<dt>${t("setup.limit")}</dt>
@@ -102,7 +113,8 @@ function NewTask({ robot }) {
     if (robot.taskable === null) return null;
     return html`<p id="new-task" class="verdict ok">${t("newTask.accepted")}</p>`;
   }
-  return html`<div id="new-task" class="verdict warn">
+  const ordinary = !old && robot.objections.every(({ name }) => name === "busy");
+  return html`<div id="new-task" class="verdict ${ordinary ? "" : "warn"}">
     <b>${t(old ? "newTask.unknown" : "newTask.rejected")}</b>
     <ul>
       ${robot.objections.map((each) => {
@@ -121,6 +133,7 @@ function BatteryLine({ battery }) {
     `${battery.power} %`,
     battery.charging && t("battery.charging"),
     trend !== null && t("battery.trend", { change: trend > 0 ? `+${trend}` : String(trend) }),
+    !battery.charging && timeLeftText(),
     battery.temperature > 0 && `${battery.temperature} °C`,
     battery.cycles > 0 && t("battery.cycles", { count: battery.cycles }),
   ];
@@ -138,6 +151,29 @@ function batteryTrend(charging) {
   if (!first || !last || last[0] - first[0] < TREND_TIME) return null;
   const change = Number(last[2]) - Number(first[2]);
   return Math.round((change * 3600) / (last[0] - first[0]));
+}
+
+/**
+ * Return for how long the battery lasts at the pace at which it has fallen; empty unless it has fallen
+ * steadily. The pace is measured between changes of the percentage, which is a whole number.
+ */
+function timeLeftText() {
+  const known = samples.value;
+  const begin = known.findLastIndex(([, , power, , charging]) => power === null || charging) + 1;
+  const powers = known.slice(begin).map(([time, , power]) => ({ time, power: Number(power) }));
+  const changes = powers.filter(({ power }, index) => index && power !== powers[index - 1].power);
+  const [first, last, now] = [changes[0], changes.at(-1), powers.at(-1)];
+  if (changes.length < 3 || !last || !now || last.time - first.time < TREND_TIME) return "";
+  const paces = changes.slice(1).map(({ time, power }, index) => {
+    const former = changes[index];
+    return (time - former.time) / (former.power - power); // seconds for each percent
+  });
+  const pace = (last.time - first.time) / (first.power - last.power);
+  const slowest = Math.max(...paces, now.time - last.time);
+  if (Math.min(...paces) <= 0 || slowest > UNSTEADY * Math.min(...paces)) return "";
+  const minutes = Math.floor((pace * now.power) / 600) * 10;
+  if (minutes >= 120) return t("battery.hoursLeft", { hours: Math.floor(minutes / 60) });
+  return minutes ? t("battery.minutesLeft", { minutes }) : "";
 }
 
 /** The list of all that the bar counts as alarms. */
