@@ -18,6 +18,7 @@ from woosh_robot_agent.link.codecs.json_codec import to_json
 from woosh_robot_agent.link.config import url_host
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import enum_name, full_name
+from woosh_robot_agent.link.reports import system_text
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -42,7 +43,6 @@ from woosh_robot_agent.robot.readiness import (
 )
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.options import Address, link_arguments
-from woosh_robot_agent.tools.robot_view import system_text
 
 
 class Status(Enum):

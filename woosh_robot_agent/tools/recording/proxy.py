@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.link.reports import LogOnce, system_text
 from woosh_robot_agent.link.server import Listener
 from woosh_robot_agent.link.tasks import abort_transport, cancel_and_wait, run_with_timeout
 from woosh_robot_agent.tools.recording.layout import Side
@@ -22,7 +22,6 @@ from woosh_robot_agent.tools.recording.streams import (
     WebSocketParser,
 )
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
-from woosh_robot_agent.tools.robot_view import system_text
 
 _BURST = 20
 """Number of reads that may follow each other at once."""
