@@ -204,8 +204,14 @@ def test_proxy_that_refuses_websockets_is_told_from_another_program(chassis, ref
         (lambda chassis: chassis.mute(INFO), SHORT, "no answer within 0.5 s"),
         (lambda chassis: chassis.refuse(INFO, "ask somebody else"), "5", "ask somebody else"),
         (lambda chassis: chassis.answer_as(INFO, "woosh.robot.Mode"), "5", "woosh.robot.Mode"),
+        (
+            lambda chassis: chassis.inject("wrong_sn"),
+            SHORT,
+            "only an answer with the serial number 1000001 instead of 1 -> check --ip",
+        ),
+        (lambda chassis: chassis.inject("garbage"), SHORT, "the firmware is not supported"),
     ],
-    ids=["no answer", "refusal", "another type"],
+    ids=["no answer", "refusal", "another type", "another number", "garbage"],
 )
 def test_robot_info_without_a_usable_answer_fails(chassis, fault, timeout, text):
     fault(chassis)
