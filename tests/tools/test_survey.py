@@ -505,6 +505,16 @@ def test_query_that_ends_the_connection_is_asked_twice(tmp_path):
     assert found["lost_connections"] == 2
 
 
+def test_robot_that_ends_each_connection_is_not_flooded(tmp_path):
+    async def refuse(simulator: SimulatedChassis) -> None:
+        await simulator.wait_received(MODE)
+        simulator.inject("accept_then_drop")
+        simulator.inject("drop")
+
+    found = survey_while(refuse, tmp_path / "survey", 0.1)
+    assert 1 < found["lost_connections"] <= 7  # one per second
+
+
 def test_pushes_to_several_clients_count_once() -> None:
     frames = [
         SeenFrame(t * 0.5, connection, True, json.dumps(push(BATTERY, {"power": t})[2]))

@@ -112,14 +112,15 @@ class _Survey:
             try:
                 self._transport = await open_transport(self._config)
             except (OSError, TransportClosedError):
-                await asyncio.sleep(_RETRY)
-                continue
-            try:
-                await self._observe()
-            except TransportClosedError:
-                self.lost += 1
-            finally:
-                await self._transport.close(self._config.close_timeout)
+                pass
+            else:
+                try:
+                    await self._observe()
+                except TransportClosedError:
+                    self.lost += 1
+                finally:
+                    await self._transport.close(self._config.close_timeout)
+            await asyncio.sleep(_RETRY)
 
     async def _observe(self) -> None:
         """Send queries and read frames until the connection is lost."""
