@@ -104,6 +104,13 @@ def test_all_addresses_of_a_name_are_tried(chassis, monkeypatch):
     assert report.text("network").startswith("127.0.0.1 is reachable")
 
 
+def test_interface_of_a_link_local_address_is_kept():
+    report = examine(5480, ip="[fe80::1%lo]")
+    assert report.failed == ["network"]
+    assert report.text("network").startswith("fe80::1%lo cannot be reached: ")
+    assert "Invalid argument" not in report.text("network")
+
+
 def test_unknown_host_fails():
     report = examine(5480, "--timeout", "5", ip="no-such-host.invalid")
     assert report.failed == ["network"]

@@ -243,8 +243,10 @@ async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
         ) from None
     closed: tuple[Address, str] | None = None
     failure: CheckFailedError | None = None
-    for *_, (ip, port, *_) in found:
-        address = Address(str(ip), int(port))
+    for *_, found_address in found:
+        # with the interface of a link-local address
+        ip, port = socket.getnameinfo(found_address, socket.NI_NUMERICHOST | socket.NI_NUMERICSERV)
+        address = Address(ip, int(port))
         opening = asyncio.open_connection(*address)
         try:
             _, writer = await run_with_timeout(config.connect_timeout, opening)
@@ -279,9 +281,9 @@ def _not_reached(config: LinkConfig, address: Address, error: OSError) -> CheckF
 
 def own_address(address: Address) -> str:
     """Return this computer's address on the route to `address`; sends nothing."""
-    family = socket.AF_INET6 if ":" in address.ip else socket.AF_INET
+    family, *_, target = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
-        probe.connect(address)
+        probe.connect(target)
         return str(probe.getsockname()[0])
 
 
