@@ -65,8 +65,9 @@ def fleet(path):
             )
         given = {key: value for key, value in robot.items() if key != "name"}
         name = robot["name"]
-        found.append({**DEFAULTS, "namespace": name, "frame_prefix": f"{name}/", **given})
-    names = [each["namespace"] for each in found]
+        prefix = f"{name}/".lstrip("/")  # frames do not begin with a slash
+        found.append({**DEFAULTS, "namespace": name, "frame_prefix": prefix, **given})
+    names = [str(each["namespace"]).strip("/") for each in found]
     if len(set(names)) < len(names):
         raise ValueError(f"{path}: two robots have the same namespace; give each its own: {names}")
     return found

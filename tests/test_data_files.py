@@ -55,7 +55,9 @@ class Box:
 
 
 def box(text: str, *, known_only: bool = True) -> Box:
-    data = load_yaml("box.yaml", f"{{name: a, size: [1, 2.5], {text}}}".encode())
+    required = {"name: ": "name: a, ", "size: ": "size: [1, 2.5], "}
+    head = "".join(each for key, each in required.items() if not text.startswith(key))
+    data = load_yaml("box.yaml", f"{{{head}{text}}}".encode())
     return structure(Box, data, "box.yaml", known_only=known_only)
 
 
@@ -122,6 +124,7 @@ def test_errors_name_the_place_and_what_is_allowed(text: str, said: str) -> None
         ("a: [1", "box.yaml: not readable as YAML: "),
         ("day: 2025-02-31", "box.yaml: not readable as YAML: day is out of range for month"),
         ("[" * 21 + "]" * 21, "box.yaml: nested more than 20 levels deep"),
+        ("a: {b: 1, c: 2, b: 3}", "box.yaml: not readable as YAML: the key b is used twice in"),
         ("a: &x {b: 1}\nc: {<<: *x}", "box.yaml: not readable as YAML: merge keys (<<) are not"),
         ("a" * 300_000, "box.yaml: the file has 300000 bytes, more than 262144"),
     ],

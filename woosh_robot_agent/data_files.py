@@ -44,14 +44,23 @@ class DataFileError(ValueError):
 
 
 class _Loader(_SafeLoader):
-    """YAML loader without merge keys, which could expand a few lines to any size."""
+    """YAML loader that refuses what would be lost, or could grow without limit.
+
+    A key that is used twice would lose its first value. A few merge keys could expand to any size.
+    """
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        if any(key.tag == "tag:yaml.org,2002:merge" for key, _ in node.value):
-            raise yaml.constructor.ConstructorError(
-                problem="merge keys (<<) are not supported: repeat the merged keys instead",
-                problem_mark=node.start_mark,
-            )
+        keys = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        seen: set[str] = set()
+        for key in keys:
+            problem = f"the key {key.value} is used twice" if key.value in seen else ""
+            if key.tag == "tag:yaml.org,2002:merge":
+                problem = "merge keys (<<) are not supported: repeat the merged keys instead"
+            if problem:
+                raise yaml.constructor.ConstructorError(
+                    problem=problem, problem_mark=key.start_mark
+                )
+            seen.add(key.value)
 
 
 def _check_size(name: str, data: bytes, max_bytes: int) -> None:

@@ -178,9 +178,13 @@ def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFi
     ports = ["--port", "0", "--tcp-port", "0"]
     assert main([*ports, "--scene", str(tmp_path / "none")]) == 1
     assert main([*ports, "--scene", str(tmp_path)]) == 1
+    unreadable = str(tmp_path / ("x" * 300))  # as without permission, which root always has
+    assert main([*ports, "--scene", unreadable]) == 1
+    assert main(["--check", unreadable]) == 1
     out, err = capsys.readouterr()
-    assert out == ""
-    first, second = err.splitlines()
+    assert out == f"{unreadable}: File name too long\n"
+    first, second, third = err.splitlines()
+    assert third == f"error: {unreadable}: File name too long"
     assert first.startswith(f"error: {tmp_path}")
     assert "not a scene: give a folder with scene.json or scene.yaml" in second
 

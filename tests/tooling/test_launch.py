@@ -341,7 +341,7 @@ class TestLaunch:
             "frame_prefix": "one/",
         }
         file.write_text(
-            yaml.safe_dump({"robots": [{"name": "r1", **first}, {"name": "r2", "ip": "b"}]})
+            yaml.safe_dump({"robots": [{"name": "r1", **first}, {"name": "/r2", "ip": "b"}]})
         )
         ones, others = (each.nodes for each in Launch("fleet", robots=str(file)).included)
         found = check_agent(ones[0])
@@ -349,7 +349,7 @@ class TestLaunch:
         assert ones[1]["values"]["robot_description"] == urdf.read_text()
         found = check_agent(others[0])
         assert (found["ip"], found["port"], found["robot_id"]) == ("b", 0, 0)
-        assert (others[0]["namespace"], found["frame_prefix"]) == ("r2", "r2/")
+        assert (others[0]["namespace"], found["frame_prefix"]) == ("/r2", "r2/")
         assert "woosh_base" in others[1]["values"]["robot_description"]
 
     @pytest.mark.parametrize("name", ["fleet", "sim"])
@@ -365,7 +365,7 @@ class TestLaunch:
             "robots: {}",
             "robots: [{name: r1}]",
             "robots: [{name: r1, ip: a, colour: red}]",
-            "robots: [{name: r1, ip: a}, {name: r1, ip: b}]",
+            "robots: [{name: r1, ip: a}, {name: /r1, ip: b}]",
         ],
     )
     def test_invalid_fleet_file_is_refused(self, text: str, tmp_path: Path):

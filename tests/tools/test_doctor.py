@@ -104,6 +104,13 @@ def test_all_addresses_of_a_name_are_tried(chassis, monkeypatch):
     assert report.text("network").startswith("127.0.0.1 is reachable")
 
 
+def test_interface_of_a_link_local_address_is_kept():
+    report = examine(5480, ip="[fe80::1%lo]")
+    assert report.failed == ["network"]
+    assert report.text("network").startswith("fe80::1%lo cannot be reached: ")
+    assert "Invalid argument" not in report.text("network")
+
+
 def test_unknown_host_fails():
     report = examine(5480, "--timeout", "5", ip="no-such-host.invalid")
     assert report.failed == ["network"]
@@ -204,8 +211,14 @@ def test_proxy_that_refuses_websockets_is_told_from_another_program(chassis, ref
         (lambda chassis: chassis.mute(INFO), SHORT, "no answer within 0.5 s"),
         (lambda chassis: chassis.refuse(INFO, "ask somebody else"), "5", "ask somebody else"),
         (lambda chassis: chassis.answer_as(INFO, "woosh.robot.Mode"), "5", "woosh.robot.Mode"),
+        (
+            lambda chassis: chassis.inject("wrong_sn"),
+            SHORT,
+            "only an answer with the serial number 1000001 instead of 1 -> check --ip",
+        ),
+        (lambda chassis: chassis.inject("garbage"), SHORT, "the firmware is not supported"),
     ],
-    ids=["no answer", "refusal", "another type"],
+    ids=["no answer", "refusal", "another type", "another number", "garbage"],
 )
 def test_robot_info_without_a_usable_answer_fails(chassis, fault, timeout, text):
     fault(chassis)

@@ -286,6 +286,15 @@ def test_marks_outside_of_the_files_come_by_requests(run, wire, tmp_path):
     assert "not the edited `others` of map wooshmap" in err
 
 
+def test_copy_of_a_file_of_marks_is_told_from_the_marks_of_a_map(run: Run, tmp_path: Path) -> None:
+    assert run("download", "wooshmap")[0] == 0
+    marks = tmp_path / "wooshmap" / "marks"
+    shutil.copy(marks / "wooshmap.yaml", marks / "old.yaml")
+    status, _, err = run("upload", "wooshmap", "--force")
+    assert status == 1
+    assert "scene wooshmap was uploaded, but has no map old: remove wooshmap/marks/old.yaml" in err
+
+
 def test_nothing_is_overwritten_without_force(run: Run, wire: JsonClient, tmp_path: Path) -> None:
     assert run("download", "scenex")[0] == 0
     before = tree(tmp_path)

@@ -167,6 +167,35 @@ async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path):
 
 
 @aio
+async def test_what_follows_a_silent_loss_is_replayed(tmp_path):
+    """As over Wi-Fi: the client connects again before the robot notices the loss."""
+    path = tmp_path / "a.mcap"
+    timeouts = {"liveness_timeout": 0.5, "request_timeout": 0.5}
+    async with (
+        simulator() as chassis,
+        recording(path, chassis.port) as port,
+        connected(port, **timeouts) as (client, pushes),
+    ):
+        await eventually(lambda: chassis.counts["woosh.Subscription"] == 1)
+        for work in (robot.kDeployMode, robot.kTaskMode) * 5:
+            chassis.push(Mode(work=work))
+        await eventually(lambda: len(pushes) == 10)
+        loss = chassis.inject("half_open")
+        await eventually(lambda: events(read_recording(path)).count(("open", "client")) == 2)
+        loss.clear()
+        await eventually(lambda: chassis.counts["woosh.Subscription"] == 2)
+        chassis.push(Mode(work=robot.kScheduleMode))
+        await eventually(lambda: len(pushes) == 11)
+    async with (
+        ReplayedChassis(prepare(read_recording(path)), speed=50) as replayed,
+        connected(replayed.port) as (client, again),
+    ):
+        await eventually(lambda: replayed.rounds, "the end")
+        await eventually(lambda: again == pushes, "the push after the loss")
+        assert client.stats.connects == 2
+
+
+@aio
 async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path):
     path = tmp_path / "a.mcap"
     async with (
@@ -200,3 +229,15 @@ async def test_the_passive_client_sends_each_query_and_no_command(tmp_path):
     playback = prepare(read_recording(path))
     assert set(playback.answers.types) == asked - {"woosh.Subscription"}
     assert not asked & {command.request for command in COMMANDS if not command.reads}
+
+
+@aio
+async def test_a_query_that_ends_the_connection_is_sent_twice(tmp_path):
+    queries = {query.request for query in QUERIES}
+    async with simulator() as chassis, recording(tmp_path / "a.mcap", chassis.port) as port:
+        chassis.inject("truncated", type="woosh.robot.Battery", where="wire")
+        own = PassiveClient(link(port))
+        own.start()
+        await eventually(lambda: queries <= set(chassis.counts), "the last query")
+        await own.close()
+        assert chassis.counts["woosh.robot.Battery"] == 2

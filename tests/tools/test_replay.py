@@ -205,6 +205,16 @@ async def test_the_recording_can_be_replayed_in_a_loop() -> None:
 
 
 @aio
+async def test_a_loop_starts_again_although_the_robot_never_came_back() -> None:
+    async with (
+        replaying(*MODE, (0.4, 1, "close", "chassis"), loop=True) as replayed,
+        connected(replayed.port) as (client, pushes),
+    ):
+        await eventually(lambda: len(pushes) >= 2)
+        assert client.stats.connects >= 2
+
+
+@aio
 async def test_the_client_with_the_most_frames_gives_the_timeline() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),

@@ -494,6 +494,27 @@ def test_lost_connection_is_opened_again(tmp_path):
     assert asked["woosh.robot.Network"]["accepted"] >= 1  # comes after Mode
 
 
+def test_query_that_ends_the_connection_is_asked_twice(tmp_path):
+    async def cut(simulator: SimulatedChassis) -> None:
+        simulator.inject("truncated", type=MODE, where="wire")
+
+    found = survey_while(cut, tmp_path / "survey", 0.2)
+    asked = by_type(found["requests"])
+    assert (asked[MODE]["verdict"], asked[MODE]["asked"]) == ("no answer", 2)
+    assert asked["woosh.robot.Network"]["accepted"] >= 1  # comes after Mode
+    assert found["lost_connections"] == 2
+
+
+def test_robot_that_ends_each_connection_is_not_flooded(tmp_path):
+    async def refuse(simulator: SimulatedChassis) -> None:
+        await simulator.wait_received(MODE)
+        simulator.inject("accept_then_drop")
+        simulator.inject("drop")
+
+    found = survey_while(refuse, tmp_path / "survey", 0.1)
+    assert 1 < found["lost_connections"] <= 7  # one per second
+
+
 def test_pushes_to_several_clients_count_once() -> None:
     frames = [
         SeenFrame(t * 0.5, connection, True, json.dumps(push(BATTERY, {"power": t})[2]))
@@ -514,6 +535,14 @@ def test_query_without_an_answer_is_asked_twice(tmp_path):
     assert (asked[MODE]["verdict"], asked[MODE]["asked"]) == ("no answer", 2)
     assert asked[BATTERY]["accepted"] >= 2
     assert found["lost_connections"] == 0
+
+
+def test_folder_that_cannot_be_made_is_told_before_the_survey(chassis, tmp_path, capsys):
+    (tmp_path / "notes.txt").write_text("mine")
+    folder = tmp_path / "notes.txt" / "survey"
+    assert doctor_main([*address(chassis), "--survey", str(folder), "--minutes", "0.05"]) == 1
+    assert f"error: cannot write {folder}: Not a directory" in capsys.readouterr().err
+    assert chassis.counts[MODE] == 0
 
 
 def test_existing_files_are_not_overwritten(tmp_path: Path, capsys: Any) -> None:

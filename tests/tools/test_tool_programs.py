@@ -294,6 +294,27 @@ def test_record_does_not_overwrite_a_file(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
+FULL_DISK = """
+import resource, sys
+from woosh_robot_agent.tools.__main__ import record
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+sys.exit(record(sys.argv[1:]))
+"""
+
+
+def test_record_on_a_full_disk_names_the_file_and_leaves_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    arguments = ["--ip", "127.0.0.1", "--output", str(path)]
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", FULL_DISK, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (1, f"error: cannot create {path}: File too large\n")
+    assert not path.exists()  # it would block the next attempt
+
+
 @pytest.mark.parametrize("option", ["--ros", "--listen"])
 def test_record_that_cannot_start_leaves_no_file(chassis, tmp_path, option):
     port_in_use = f"127.0.0.1:{chassis.port}"

@@ -26,7 +26,7 @@ from woosh_robot_agent.link.config import (
 from woosh_robot_agent.link.connection import Connection, Sending
 from woosh_robot_agent.link.frames import Answer
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.reports import LinkRecord, LogOnce, one_line
+from woosh_robot_agent.link.reports import LinkRecord, LogOnce, one_line, system_text
 from woosh_robot_agent.link.subscriptions import Subscriptions, call_logged
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
@@ -211,8 +211,7 @@ async def open_link(config: LinkConfig) -> Transport:
     try:
         return await open_transport(config)
     except OSError as error:
-        reason = error.strerror or said_by(error) or type(error).__name__
-        raise NotConnectedError(_UNREACHABLE(reason=reason)) from None
+        raise NotConnectedError(_UNREACHABLE(reason=system_text(error))) from None
     except TransportClosedError as error:
         raise HandshakeError(said_by(error)) from None
 

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from collections import Counter, OrderedDict
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import TypeVar
 
+from woosh_robot_agent.sentences import said_by
+
 K = TypeVar("K")
 V = TypeVar("V")
+
+
+def system_text(error: OSError) -> str:
+    """Return the operating system's text for an error, without the text that asyncio adds."""
+    if error.errno and error.errno > 0:  # negative: a host name that cannot be resolved
+        return os.strerror(error.errno)
+    return error.strerror or said_by(error) or type(error).__name__
 
 
 class RecentDict(OrderedDict[K, V]):

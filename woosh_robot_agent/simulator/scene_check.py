@@ -37,6 +37,8 @@ def check_scene(path: Path, profile: Profile) -> list[str]:
         return unreadable or list(_unusable_places(load_scene(path), profile))
     except DataFileError as error:
         return [str(error)]
+    except OSError as error:
+        return [f"{path}: {error.strerror}"]
 
 
 def _unreadable_files(folder: Path) -> Iterator[str]:

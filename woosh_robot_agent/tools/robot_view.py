@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -128,10 +127,3 @@ def link_report(chassis: ChassisClient) -> LinkReport:
     if isinstance(chassis.last_error, OtherRobotError):  # its text has the remedy
         remedy = ""
     return LinkReport(False, f"{state} since {since}, retrying{reason}", remedy)
-
-
-def system_text(error: OSError) -> str:
-    """Return the operating system's text for an error, without the text that asyncio adds."""
-    if error.errno and error.errno > 0:  # negative: a host name that cannot be resolved
-        return os.strerror(error.errno)
-    return error.strerror or str(error) or type(error).__name__

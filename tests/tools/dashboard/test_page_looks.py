@@ -262,7 +262,7 @@ def test_what_the_program_explains_is_in_the_language_of_the_page(
     assert "未停止" in browser.text("#alarm")
     assert "未连接" in browser.text("#alarm")
     assert browser.text("#alarm").count("未发送") <= 1, "one reason"
-    check_chinese(browser, "link lost", "Connect call failed")  # of the operating system
+    check_chinese(browser, "link lost", "Connection refused")  # of the operating system
 
 
 _LATIN = re.compile(r"(?<![A-Za-z0-9])-{0,2}[A-Za-z][\w./=-]*")

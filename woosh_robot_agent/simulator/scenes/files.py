@@ -32,13 +32,17 @@ def load_scene(path: Path) -> Scene:
     Raises:
         DataFileError: a file cannot be used.
     """
-    if path.is_dir():
-        if (path / SCENE_INDEX).is_file():
-            return read_robot_scene(path.resolve().name, read_robot_folder(path))
+    try:
+        is_folder, is_robot_folder = path.is_dir(), (path / SCENE_INDEX).is_file()
+        names = sorted(file.name for file in path.iterdir()) if is_folder else [path.name]
+    except OSError as error:
+        raise DataFileError(f"{path}: {error.strerror}") from error
+    if is_robot_folder:
+        return read_robot_scene(path.resolve().name, read_robot_folder(path))
+    if is_folder:
         folder, name = path, path.resolve().name
-        names = sorted(file.name for file in path.iterdir())
     else:
-        folder, names = path.parent, [path.name]
+        folder = path.parent
         name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
     scene = read_handwritten_scene(
         name, names, lambda each: _read_file(folder / each), use_own_name=True

@@ -18,6 +18,7 @@ from woosh_robot_agent.link.codecs.json_codec import to_json
 from woosh_robot_agent.link.config import url_host
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import enum_name, full_name
+from woosh_robot_agent.link.reports import system_text
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -42,7 +43,6 @@ from woosh_robot_agent.robot.readiness import (
 )
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.options import Address, link_arguments
-from woosh_robot_agent.tools.robot_view import system_text
 
 
 class Status(Enum):
@@ -111,7 +111,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
         CheckFailedError: no answer, a refusal, or an answer that cannot be read.
     """
     codec = client_codec(config)
-    invalid_frames: list[FrameError] = []
+    unusable: list[str] = []
     sent_at = time.time()
     try:
         await transport.send(
@@ -123,7 +123,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
             )
         )
         answer = await run_with_timeout(
-            config.handshake_timeout, _receive_answer(transport, codec, invalid_frames)
+            config.handshake_timeout, _receive_answer(transport, codec, unusable)
         )
     except TransportClosedError as error:
         raise CheckFailedError(
@@ -134,11 +134,13 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
     except TimeoutError:
         raise CheckFailedError(
             f"no answer within {config.handshake_timeout:g} s"
+            + (f", only {unusable[-1]}" if unusable else ""),
+            "check --ip, --transport, --encoding and --robot-id; if they are right, "
             + (
-                f", only frames that cannot be read: {invalid_frames[-1]}" if invalid_frames else ""
+                f"the firmware is not supported: {_report(config)}"
+                if unusable
+                else "the robot's program hangs: switch the robot off and on"
             ),
-            "check --ip, --transport, --encoding and --robot-id; if they are right, the robot's "
-            "program hangs: switch the robot off and on",
         ) from None
     received_at = time.time()
     info = _robot_info_in(codec, answer, config)
@@ -147,18 +149,23 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
     return RobotInfoAnswer(info, skew, received_at - sent_at)
 
 
-async def _receive_answer(
-    transport: Transport, codec: Codec, invalid_frames: list[FrameError]
-) -> Envelope:
-    """Return the answer; add the error of each frame before it that cannot be read."""
+def _report(config: LinkConfig) -> str:
+    """Return how to report a robot that answers in an unknown way."""
+    return f"make a recording with `record {link_arguments(config)}` and report the problem"
+
+
+async def _receive_answer(transport: Transport, codec: Codec, unusable: list[str]) -> Envelope:
+    """Return the answer; add the description of each frame before it that is none."""
     while True:
         try:
             envelope = codec.decode(await transport.recv())
         except FrameError as error:
-            invalid_frames.append(error)
+            unusable.append(f"frames that cannot be read: {error}")
         else:
             if envelope.sn == _SN:
                 return envelope
+            if envelope.sn:
+                unusable.append(f"an answer with the serial number {envelope.sn} instead of {_SN}")
 
 
 def _robot_info_in(codec: Codec, answer: Envelope, config: LinkConfig) -> RobotInfo:
@@ -178,8 +185,7 @@ def _robot_info_in(codec: Codec, answer: Envelope, config: LinkConfig) -> RobotI
     except FrameError as error:
         raise CheckFailedError(
             f"the answer cannot be read: {error}",
-            "the firmware may be newer than this package: make a recording with "
-            f"`record {link_arguments(config)}` and report the problem",
+            f"the firmware may be newer than this package: {_report(config)}",
         ) from None
 
 
@@ -237,8 +243,10 @@ async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
         ) from None
     closed: tuple[Address, str] | None = None
     failure: CheckFailedError | None = None
-    for *_, (ip, port, *_) in found:
-        address = Address(str(ip), int(port))
+    for *_, found_address in found:
+        # with the interface of a link-local address
+        ip, port = socket.getnameinfo(found_address, socket.NI_NUMERICHOST | socket.NI_NUMERICSERV)
+        address = Address(ip, int(port))
         opening = asyncio.open_connection(*address)
         try:
             _, writer = await run_with_timeout(config.connect_timeout, opening)
@@ -273,9 +281,9 @@ def _not_reached(config: LinkConfig, address: Address, error: OSError) -> CheckF
 
 def own_address(address: Address) -> str:
     """Return this computer's address on the route to `address`; sends nothing."""
-    family = socket.AF_INET6 if ":" in address.ip else socket.AF_INET
+    family, *_, target = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
-        probe.connect(address)
+        probe.connect(target)
         return str(probe.getsockname()[0])
 
 

@@ -6,6 +6,7 @@ import asyncio
 import json
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ class _Survey:
         self._rounds = 0
         """Number of completed rounds of requests."""
         self._unanswered: dict[str, int] = {}
-        """Number of requests without an answer, by type."""
+        """Number of requests since the last answer, by type."""
         self._scene = ""
         """Name of the current scene, for requests of its data."""
         self._mark = mark_pb2.Storages.Base()
@@ -111,14 +112,15 @@ class _Survey:
             try:
                 self._transport = await open_transport(self._config)
             except (OSError, TransportClosedError):
-                await asyncio.sleep(_RETRY)
-                continue
-            try:
-                await self._observe()
-            except TransportClosedError:
-                self.lost += 1
-            finally:
-                await self._transport.close(self._config.close_timeout)
+                pass
+            else:
+                try:
+                    await self._observe()
+                except TransportClosedError:
+                    self.lost += 1
+                finally:
+                    await self._transport.close(self._config.close_timeout)
+            await asyncio.sleep(_RETRY)
 
     async def _observe(self) -> None:
         """Send queries and read frames until the connection is lost."""
@@ -196,14 +198,16 @@ class _Survey:
         waiting: asyncio.Future[AnsweredRequest] = asyncio.get_running_loop().create_future()
         self._waiting[self._sn] = waiting
         name = full_name(request)
+        # also if the link is lost meanwhile: perhaps this type makes the robot end it
+        self._unanswered[name] = self._unanswered.get(name, 0) + 1
         await self._send(name, request, self._sn)
         try:
             answer = await run_with_timeout(timeout, waiting)
         except TimeoutError:
             self._waiting.pop(self._sn, None)
-            await self._check_link()  # a lost link says nothing about the type
-            self._unanswered[name] = self._unanswered.get(name, 0) + 1
+            await self._check_link()
             return
+        self._unanswered[name] = 0
         if isinstance(answer.body, RobotInfo):
             self._scene = answer.body.scene.scene_name
             located = is_located(answer.body)
@@ -267,6 +271,15 @@ def check_folder(folder: Path) -> None:
         raise SurveyError(f"{folder}: {error.strerror}") from None
 
 
+@contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Raise SurveyError if the block cannot write to a folder."""
+    try:
+        yield
+    except OSError as error:
+        raise SurveyError(f"cannot write {folder}: {error.strerror}") from None
+
+
 async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names: bool) -> str:
     """Make a survey, until its time is over or a signal arrives, and write its results.
 
@@ -282,6 +295,8 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     Raises:
         SurveyError: the robot has sent nothing, or the folder cannot be written.
     """
+    with _writing(folder):  # before the survey, which would be lost otherwise
+        folder.mkdir(parents=True, exist_ok=True)
     stop = stop_event()
     running_survey = _Survey(config)
     began = time.monotonic()
@@ -312,13 +327,10 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
         address=config.address,
         with_names=with_names,
     )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    with _writing(folder):
         text = json.dumps(found, indent=1, ensure_ascii=False)
         (folder / SURVEY_FILE).write_text(f"{text}\n", encoding="utf-8")
         (folder / REPORT_FILE).write_text(markdown(found), encoding="utf-8")
-    except OSError as error:
-        raise SurveyError(f"cannot write {folder}: {error.strerror}") from None
     early = "" if complete else ", stopped early"
     return (
         f"surveyed for {seconds:.0f} s{early}: {len(running_survey.seen.answers)} answers, "

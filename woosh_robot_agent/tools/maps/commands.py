@@ -21,7 +21,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.map import map_pack_pb2 as pack
 from woosh_robot_agent.pb.map import storage_edit_pb2 as edit
-from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storages
+from woosh_robot_agent.pb.map.mark_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene
 from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.tools.maps.scene_folder import (
@@ -262,11 +262,16 @@ async def _upload_marks(library: MapLibrary, scene: str, map_name: str, file: Pa
     """Upload the edited marks of a map without a file of marks: one request per changed mark.
 
     Raises:
-        MapsError: marks were edited for which there is no request, or the map is not the current
-            one.
+        MapsError: the scene has no such map, marks were edited for which there is no request, or
+            the map is not the current one.
     """
     data = await library.scene_data(scene)
-    old = next((each.mark_info for each in data.maps if each.name == map_name), MarkInfo())
+    old = next((each.mark_info for each in data.maps if each.name == map_name), None)
+    if old is None:
+        raise MapsError(
+            f"scene {scene} was uploaded, but has no map {map_name}: remove {file}, which is none "
+            "of its files of marks"
+        )
     new = read_marks(file, old)
     if new is old:
         return

@@ -57,7 +57,13 @@ class McapFile:
         """Maximum size of the chunk that is not written yet, in bytes."""
         self._end_size = _END_OVERHEAD
         """Maximum size of what `close` will write after the last chunk, in bytes."""
-        self.flush()
+        try:
+            self.flush()
+        except OSError as error:
+            self.abandon()
+            path.unlink()  # an empty file would block the next attempt
+            error.filename = path
+            raise
 
     @property
     def max_size(self) -> int:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.link.reports import LogOnce, system_text
 from woosh_robot_agent.link.server import Listener
 from woosh_robot_agent.link.tasks import abort_transport, cancel_and_wait, run_with_timeout
 from woosh_robot_agent.tools.recording.layout import Side
@@ -22,7 +22,6 @@ from woosh_robot_agent.tools.recording.streams import (
     WebSocketParser,
 )
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
-from woosh_robot_agent.tools.robot_view import system_text
 
 _BURST = 20
 """Number of reads that may follow each other at once."""
@@ -89,17 +88,12 @@ class _Connection:
     Attributes:
         number: number of the connection, from 1.
         writers: stream to the client, and the stream to the chassis once it is connected.
-        ended_by: side that ended the connection first, and how; None while the connection is open.
+        has_ended: True once the end of the connection has been recorded.
     """
 
     number: int
     writers: list[asyncio.StreamWriter] = field(default_factory=list)
-    ended_by: tuple[Side, str] | None = None
-
-    def note_end(self, by: Side, how: str) -> None:
-        """Note how the connection ended. Only the first call after both sides connected counts."""
-        if self.ended_by is None and len(self.writers) == 2:
-            self.ended_by = by, how
+    has_ended: bool = False
 
 
 class RecordingProxy:
@@ -164,14 +158,13 @@ class RecordingProxy:
         try:
             await self._forward(connection, reader, writer)
         except asyncio.CancelledError:  # by `stop`; asyncio's server must not see the error
-            self._note_end(connection, "recorder", "the recording was stopped")
+            self._end(connection, "recorder", "the recording was stopped")
         except Exception as error:  # a bug here must not look like an error of the robot
             _LOG.exception("connection %d failed", connection.number)
-            self._note_end(connection, "recorder", f"internal error: {error!r}")
+            self._end(connection, "recorder", f"internal error: {error!r}")
         finally:
             for each in connection.writers:
                 abort_transport(each.transport)
-            self._recorder.call(self._record_end, connection, self._writer.now())
             self._tasks.discard(task)
 
     async def _forward(
@@ -223,7 +216,7 @@ class RecordingProxy:
             connection.number,
             sender,
             self._make_parser(sender),
-            partial(connection.note_end, sender),
+            partial(self._record_end, connection, sender),
         )
         receiver: Side = "chassis" if sender == "client" else "client"
         client_writer, chassis_writer = connection.writers
@@ -239,21 +232,27 @@ class RecordingProxy:
                 await writer.drain()
                 is_reading = True
                 await pace.wait(len(data))
-            self._note_end(connection, sender, "without a close frame")
+            self._end(connection, sender, "without a close frame")
             with contextlib.suppress(OSError):  # the receiver is gone, too
                 writer.write_eof()
         except ConnectionError as error:
             by = sender if is_reading else receiver
-            self._note_end(connection, by, error.strerror or type(error).__name__)
+            self._end(connection, by, error.strerror or type(error).__name__)
             abort_transport(writer.transport)
 
-    def _note_end(self, connection: _Connection, by: Side, how: str) -> None:
-        """Note how a connection ended, unless a close frame was recorded before."""
-        self._recorder.call(connection.note_end, by, how)
+    def _end(self, connection: _Connection, by: Side, how: str) -> None:
+        """Record the end of a connection, unless a close frame was recorded before."""
+        self._recorder.call(self._record_end, connection, by, how, self._writer.now())
 
-    def _record_end(self, connection: _Connection, at: int) -> None:
-        if connection.ended_by is not None:
-            self._writer.add_event(connection.number, "close", *connection.ended_by, at)
+    def _record_end(self, connection: _Connection, by: Side, how: str, at: int) -> None:
+        """Record the end of a connection, in the thread of the recorder.
+
+        Only the first call after both sides connected counts. The other side may end much later,
+        when the client has connected again.
+        """
+        if not connection.has_ended and len(connection.writers) == 2:
+            connection.has_ended = True
+            self._writer.add_event(connection.number, "close", by, how, at)
 
     def _make_parser(self, sender: Side) -> FrameParser:
         max_size = self._chassis.max_frame_size

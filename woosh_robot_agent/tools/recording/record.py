@@ -7,6 +7,7 @@ import asyncio
 import logging
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import replace
@@ -15,7 +16,13 @@ from typing import TYPE_CHECKING
 
 from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import NAMESPACE, QUERIES, TOPICS
-from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError, LinkState
+from woosh_robot_agent.link import (
+    ChassisClient,
+    ConnectionLostError,
+    LinkConfig,
+    LinkError,
+    LinkState,
+)
 from woosh_robot_agent.link.config import MIB
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reports import log_to_stderr, printable
@@ -45,6 +52,8 @@ _LOG = logging.getLogger(__name__)
 _LOCALHOST = "127.0.0.1"
 _OWN_READ_PERIOD = 0.02
 """Time between two reads at high rates without --listen, when no client waits, in seconds."""
+_MAX_LOSSES = 2
+"""Number of connections lost during a query of a type after which that type is not sent again."""
 _EPILOG = """\
 With --listen, record is a proxy between the agent and the robot: connect the
 agent to it, and all traffic is recorded, commands included.
@@ -98,8 +107,8 @@ def make_parser() -> argparse.ArgumentParser:
         "--max-size",
         type=_mebibytes,
         default=1024 * MIB,
-        help="maximum size of all files together, in MiB; reaching it ends the recording "
-        "(default: 1024)",
+        help="maximum size of all files together, in MiB, and again of those of --ros; reaching it "
+        "ends the recording (default: 1024)",
     )
     parser.add_argument(
         "--split-size",
@@ -163,6 +172,8 @@ class PassiveClient:
         self._chassis.subscribe_raw(Feedbacks, lambda _: None)
         self._chassis.on_state(self._on_state)
         self._queries: asyncio.Task[None] | None = None
+        self._losses: Counter[str] = Counter()
+        """Number of connections that were lost during a query, by its type."""
 
     def start(self) -> None:
         """Connect, and reconnect whenever the connection is lost."""
@@ -193,10 +204,17 @@ class PassiveClient:
         if self._scene:
             requests.append(make.address(SceneData(name=self._scene)))  # has the map
         for request in requests:
+            name = full_name(request)
+            if self._losses[name] >= _MAX_LOSSES:  # perhaps it makes the robot end the connection
+                continue
+            self._losses[name] += 1
             try:
                 await self._chassis.request(request)
             except LinkError as error:
-                _LOG.info("query %s failed: %s", full_name(request), error)
+                _LOG.info("query %s failed: %s", name, error)
+                if isinstance(error, ConnectionLostError):
+                    return
+            self._losses[name] -= 1
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:

@@ -162,6 +162,7 @@ class ReplayedChassis:
     async def _play(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
+            await self._listen()  # the recording may have ended while the ports were closed
             recorded: Counter[str] = Counter()  # commands so far, by type
             self._commands.clear()
             self._playback.answers.rewind()

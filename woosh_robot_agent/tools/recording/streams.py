@@ -168,13 +168,14 @@ class Direction:
         connection: number of the connection.
         sender: side that sends the bytes.
         parser: parser of the bytes; None once they cannot be parsed.
-        on_close: called with code and reason of a close frame, in the thread of the recorder.
+        on_close: called in the thread of the recorder with code and reason of a close frame, and
+            with its time of arrival, in ns.
     """
 
     connection: int
     sender: Side
     parser: FrameParser | None
-    on_close: Callable[[str], None]
+    on_close: Callable[[str, int], None]
 
 
 class FrameRecorder:
@@ -258,7 +259,7 @@ class FrameRecorder:
         try:
             for frame in direction.parser.feed(data):
                 if frame.close:
-                    direction.on_close(frame.data.decode(errors="replace").strip())
+                    direction.on_close(frame.data.decode(errors="replace").strip(), received)
                 else:
                     self._writer.add_frame(
                         number, sender, frame.data, text=frame.text, received=received

@@ -150,6 +150,16 @@ def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterat
         yield Step(record.t, StepKind.COMMAND, record.data, envelope.type)
 
 
+def until_ends(decoded: Iterable[DecodedRecord]) -> Iterator[DecodedRecord]:
+    """Yield the records of each connection up to its end; what follows reached nobody."""
+    ended: set[int] = set()
+    for each in decoded:
+        if each.record.connection not in ended:
+            yield each
+        if isinstance(each.record, Event) and each.record.kind == "close":
+            ended.add(each.record.connection)
+
+
 def main_connections(records: Iterable[Record]) -> set[int]:
     """Return connections that do not overlap in time, preferring those with most chassis frames."""
     frames: dict[int, int] = {}
@@ -275,7 +285,8 @@ def prepare(recording: Recording) -> Playback:
     records = recording.records
     decoded = [DecodedRecord(record, _decode(record)) for record in records]
     answers = RecordedAnswers(decoded)
-    steps = list(make_timeline(decoded, main_connections(records)))
+    reached = list(until_ends(decoded))
+    steps = list(make_timeline(reached, main_connections(each.record for each in reached)))
     if not records:
         return Playback(steps, answers, 0.0)
     steps.append(Step(records[-1].t, StepKind.END))
