@@ -8,6 +8,7 @@ import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
 import { degrees, goalText, Icon, placeText, speedText, useSettling } from "./parts.js";
 import { TaskOptions } from "./go.js";
+import { notices } from "./stage.js";
 import { taskButtons, taskState } from "./tasks.js";
 
 const TURN = Math.PI / 180; // radians by which a button turns the pose
@@ -77,13 +78,20 @@ function CurrentTask() {
   const mayGo = !isHeld && !reason && !hasFault();
   const isBusy = reason?.key === "objection.busy.reason"; // the report of the task comes later
   const isAuto = store.robot.value?.control === "auto";
-  const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy;
+  const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy && !hasFault();
+  const title = stateText();
   const hints = [
+    remedyOf(title),
     mayGo && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
     mayDrive && t("dock.hintDrive"),
     limitText(),
   ];
-  return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;
+  return html`<${Now} title=${title} text=${hints.filter(Boolean).join(" ")} />`;
+}
+
+/** Return the remedy of the notice with this title, or short title; empty without one. @param {string} title */
+function remedyOf(title) {
+  return notices().find((each) => (each.short ?? each.title) === title)?.text ?? "";
 }
 
 /** Return the speed limit; empty without one. */
@@ -94,16 +102,17 @@ function limitText() {
 
 /**
  * Texts about the robot. While its state is outdated, a notice replaces `text`.
- * @param {{title: unknown, text: string, more?: string, button?: unknown}} props
+ * @param {{title: unknown, text: string, remedy?: string, more?: string, button?: unknown}} props
  */
-function Now({ title, text, more = "", button }) {
+function Now({ title, text, remedy = "", more = "", button }) {
   const old = store.outdated.value;
   return html`<div class="now ${old ? "old" : ""}" id="now">
     <b>${title}</b>
     <p role="status">
       ${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}
     </p>
-    ${button} ${more && html`<p>${more}</p>`}
+    ${remedy && !old && html`<p class="remedy">${remedy}</p>`} ${button}
+    ${more && html`<p>${more}</p>`}
   </div>`;
 }
 
@@ -228,7 +237,7 @@ function Preview() {
 }
 
 function Running() {
-  const entry = store.tasks.value.find((each) => each.running); // of the task, with its destination
+  const entry = store.running.value;
   const task = store.robot.value?.task;
   const target = store.target.value;
   const refusals = [
@@ -236,9 +245,13 @@ function Running() {
     target && refusal(target.command),
   ].map((each) => each && say(each));
   if (!task) return null;
+  const remedy = refusals[0] && !target ? remedyOf(refusals[0]) : "";
+  // the robot's own text may say the same as the reason
+  const about = refusals[0] || [task.text, !target && t("dock.keeps")].filter(Boolean).join(" · ");
   return html`<${Now}
       title=${entry ? goalText(entry) : stateText()}
-      text=${[taskState(task), task.text, refusals[0]].filter(Boolean).join(" · ")}
+      text=${[taskState(task), about].filter(Boolean).join(" · ")}
+      remedy=${remedy}
       more=${[limitText(), ...(target ? targetTexts(target) : []), refusals[1] !== refusals[0] && refusals[1]].filter(Boolean).join(" · ")}
       button=${target && html`<${Dismiss} />`}
     />
@@ -306,7 +319,7 @@ function Stick() {
 /** The dock of a viewer who may only look: the state, without the stick. */
 export function ReadOnly() {
   const task = store.robot.value?.task;
-  const entry = store.tasks.value.find((each) => each.running); // of the task, with its destination
+  const entry = store.running.value;
   const target = store.target.value;
   const title = task?.running && entry ? goalText(entry) : stateText();
   const text = task?.running ? taskState(task) : t("dock.looking");
