@@ -494,8 +494,8 @@ def test_the_view_follows_the_robot_until_it_is_dragged(
 ) -> None:
     def from_middle() -> float:
         at = browser.script(
-            "(({x, y}) => [x - mapCanvas.view.width / 2, y - mapCanvas.view.height / 2])"
-            "(mapCanvas.view.toScreen(store.pose.value.x, store.pose.value.y))",
+            "(({x, y}, middle) => [x - middle.x, y - middle.y])(mapCanvas.view.toScreen("
+            "store.pose.value.x, store.pose.value.y), mapCanvas.view.middle)",
         )
         return math.hypot(*at)
 

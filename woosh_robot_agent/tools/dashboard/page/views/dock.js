@@ -102,7 +102,7 @@ function limitText() {
 
 /**
  * Texts about the robot. While its state is outdated, a notice replaces `text`.
- * @param {{title: unknown, text: string, remedy?: string, more?: string, button?: unknown}} props
+ * @param {{title: unknown, text: unknown, remedy?: string, more?: string, button?: unknown}} props
  */
 function Now({ title, text, remedy = "", more = "", button }) {
   const old = store.outdated.value;
@@ -247,10 +247,11 @@ function Running() {
   if (!task) return null;
   const remedy = refusals[0] && !target ? remedyOf(refusals[0]) : "";
   // the robot's own text may say the same as the reason
-  const about = refusals[0] || [task.text, !target && t("dock.keeps")].filter(Boolean).join(" · ");
+  const about = refusals[0] || task.text;
+  const keeps = !refusals[0] && !target && t("dock.keeps");
   return html`<${Now}
       title=${entry ? goalText(entry) : stateText()}
-      text=${[taskState(task), about].filter(Boolean).join(" · ")}
+      text=${[[taskState(task), about].filter(Boolean).join(" · "), keeps && html`<span class="keeps">${` · ${keeps}`}</span>`]}
       remedy=${remedy}
       more=${[limitText(), ...(target ? targetTexts(target) : []), refusals[1] !== refusals[0] && refusals[1]].filter(Boolean).join(" · ")}
       button=${target && html`<${Dismiss} />`}
