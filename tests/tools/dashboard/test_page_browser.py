@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import set_speed
 from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually, firefox
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import TOO_SLOW, is_driving, is_stopped_by_zero, last
@@ -115,6 +116,54 @@ def test_a_press_shows_the_way_and_a_second_one_sends_the_robot(
     browser.show("tasks")
     eventually(lambda: "Completed" in browser.text("#ended"), "its end in the list")
     assert "from this page" in browser.text("#ended")
+
+
+_DRIVEN = """((path, steps, lost) => {
+  const along = [];
+  let from = 0;
+  for (let at = 0; at <= steps; at++) {
+    if (at > lost && at < lost + 30) continue;
+    const [x, y] = place(at / 10);
+    const rest = store.restOfPath(path, {x, y: y + 0.1}, from);
+    from = rest.along;
+    along.push([at / 10, rest.along, rest.along + rest.length]);
+  }
+  return along;
+  function place(metres) {
+    for (let index = 1; ; index++) {
+      const [[x, y], [a, b]] = [path[index - 1], path[index]];
+      const length = Math.hypot(a - x, b - y);
+      if (metres <= length) return [x + (a - x) * metres / length, y + (b - y) * metres / length];
+      metres -= length;
+    }
+  }
+})"""
+"""Follows a path beside it, from place to place, once with a gap; lists what is seen of it."""
+
+
+def test_the_path_begins_at_the_robot_even_where_it_crosses_itself(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    # ahead, round to the left, across the first metres, and back to the beginning
+    loop = [[0, 0], [6, 0], [6, 0], [6, 4], [3, 4], [3, -3], [0, -3], [0, 0]]
+    for gap in (1000, 70):
+        for driven, seen, whole in browser.script(f"{_DRIVEN}({loop}, 259, {gap})"):
+            assert seen == pytest.approx(driven, abs=0.3)
+            assert whole == pytest.approx(26.0)
+    begin = browser.script("store.pose.value")
+    browser.click_at(*_PLACE)
+    go(browser)
+    left = "Number(store.wayLeft.value)"
+    first = eventually(lambda: browser.script(left), "the way left")
+    eventually(lambda: 0 < browser.script(left) < first - 1, "less of it")
+    drawn = browser.script("mapCanvas.picture().path[0]")
+    assert math.dist(drawn, (begin["x"], begin["y"])) > 0.5
+    set_speed(robot, 0.02)
+    assert "m to go" in browser.text("#now")
+    robot.inject("lost_localisation")
+    eventually(lambda: browser.script("mapCanvas.picture().lost"), "the lost position")
+    assert "to go" not in browser.text("#now")
+    assert browser.script("mapCanvas.picture().path === store.path.value")
 
 
 def test_a_mark_is_found_by_its_name_and_has_a_kind_of_task(
@@ -445,8 +494,8 @@ def test_the_view_follows_the_robot_until_it_is_dragged(
 ) -> None:
     def from_middle() -> float:
         at = browser.script(
-            "(({x, y}) => [x - mapCanvas.view.width / 2, y - mapCanvas.view.height / 2])"
-            "(mapCanvas.view.toScreen(store.pose.value.x, store.pose.value.y))",
+            "(({x, y}, middle) => [x - middle.x, y - middle.y])(mapCanvas.view.toScreen("
+            "store.pose.value.x, store.pose.value.y), mapCanvas.view.middle)",
         )
         return math.hypot(*at)
 
@@ -701,8 +750,7 @@ def test_emergency_stop_lost_position_faults_and_obstacles(
     browser.press("#dismiss")
     browser.press("#clear-faults")
     eventually(lambda: not robot.faults, "the end of the faults")
-    # the map, which nobody has moved, takes the place of the banner
-    eventually(lambda: browser.script("mapCanvas.view.inset.top === 0"), "the end of the banner")
+    eventually(lambda: not browser.text("#notice"), "the end of the banner")
     browser.press("#obstacle")
     browser.click_at(*_PLACE)
     eventually(lambda: robot.call(lambda s: len(s.chassis.obstacles.names)) == 1, "the obstacle")

@@ -90,8 +90,11 @@ def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(
     stop = robot.begin(other.command("stop"))
     eventually(lambda: browser.text("#answer").endswith("stopping"), "the stop")
     eventually(lambda: browser.text("#alarm"), "the alarm of the other's stop")
-    assert "NOT STOPPED: the chassis did not answer the request" in browser.text("#answer")
-    assert "woosh." not in browser.text("#answer")
+    assert browser.text("#answer").endswith("if the robot moves, press its emergency stop")
+    assert browser.script("answer.scrollWidth <= answer.clientWidth"), "it is not cut"
+    browser.press("#alarm summary")
+    assert "NOT STOPPED: the chassis did not answer the request" in browser.text("#alarm")
+    assert "woosh." not in browser.text("#alarm")
     if reload:
         browser.driver.refresh()
         eventually(lambda: browser.text("#alarm"), "the alarm after a reload")
@@ -156,6 +159,10 @@ def test_the_dock_shows_all_of_its_texts(
     window.set_screen(width, height)
     window.open(robot.url)
     start_task(window, robot)
+    keeps = "Pause keeps the task; STOP ends it"
+    eventually(lambda: re.search(rf"\d m to go · {keeps}$", window.text("#now")), "the way left")
+    assert "cancel its task" in window.element("#stop").get_attribute("title")
+    assert hidden() == 0, window.text("#now")
     window.click_at(1.0, -6.0)
     eventually(lambda: window.script("store.target.value?.plan?.length > 0"), "its way")
     eventually(lambda: "executing a task" in window.text("#now"), "why Go is off")
@@ -165,8 +172,9 @@ def test_the_dock_shows_all_of_its_texts(
     window.press("#dismiss")
     window.press(".doing #pause")
     eventually(lambda: window.is_enabled(".doing #continue"), "the paused task")
+    assert keeps in window.text("#now")
     robot.inject("emergency_stop")
-    eventually(lambda: "emergency stop" in window.text("#now"), "why Continue is off")
+    eventually(lambda: "release the button" in window.text("#now"), "the remedy")
     assert hidden() == 0, window.text("#now")
 
 
@@ -217,17 +225,17 @@ def test_what_became_of_a_go_replaces_its_acceptance(
 
 
 @pytest.mark.parametrize(
-    ("fault", "says", "drives"),
+    ("fault", "says", "remedy", "drives"),
     [
-        ("emergency_stop", "The emergency stop is pressed", False),
-        ("key_switch", "The robot is in manual mode", True),
-        ("lost_localisation", "The robot has lost its position", True),
-        ("freeze", "No data for", False),
-        ("off", "Connection lost", False),
+        ("emergency_stop", "The emergency stop is pressed", "release the button", False),
+        ("key_switch", "The robot is in manual mode", "Turn the key switch", True),
+        ("lost_localisation", "The robot has lost its position", "Choose Set pose", True),
+        ("freeze", "No data for", "", False),
+        ("off", "Connection lost", "", False),
     ],
 )
 def test_the_dock_says_what_the_banner_says(
-    robot: SimulatedPage, browser: Browser, fault: str, says: str, drives: bool
+    robot: SimulatedPage, browser: Browser, fault: str, says: str, remedy: str, drives: bool
 ) -> None:
     assert "Press a place" in browser.text("#now")
     assert "Hold the stick" in browser.text("#now")
@@ -245,9 +253,11 @@ def test_the_dock_says_what_the_banner_says(
     if fault in ("freeze", "off"):
         assert "last known state" in browser.text("#now")
         return
+    assert remedy in browser.text("#now")
     browser.press(".doing #cancel")
     eventually(lambda: "Paused" not in browser.text("#now"), "the end of the task")
     assert says in browser.text("#now")
+    assert remedy in browser.text("#now")
     assert "Press a place" not in browser.text("#now")
     assert browser.script("mapCanvas.picture().lost") == (fault == "lost_localisation")
     assert ("Hold the stick" in browser.text("#now")) == (fault == "lost_localisation")

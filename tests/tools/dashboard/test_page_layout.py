@@ -204,12 +204,24 @@ def test_a_whole_map_is_fitted_beside_what_lies_over_it_and_not_moved_by_notices
     serve: Serve, window: Browser
 ) -> None:
     def is_beside(selector: str) -> bool:
-        box = window.script(f"document.querySelector('{selector}').getBoundingClientRect()")
-        return box["height"] > 0 and are_apart(window.script(_MAP_BOX), box)
+        box = window.script(f"document.querySelector('{selector}')?.getBoundingClientRect()")
+        return bool(box and box["height"]) and are_apart(window.script(_MAP_BOX), box)
 
     served = serve({})
     (robot,) = served.robots
-    open_observed(window, served.url, 390, 844)
+    open_observed(window, served.url, 1440, 900)
+    for width, height in ((1440, 900), (768, 1024), (390, 844), (844, 390)):
+        window.set_screen(width, height)
+        eventually(lambda width=width: window.script("mapCanvas.view.width") <= width, "the size")
+        window.press("#fit")
+        before = window.script(_MAP_BOX)
+        robot.set_emergency_stop(True)
+        eventually(lambda: is_beside("#notice"), "room for the banner")
+        assert window.script(_MAP_BOX) == before
+        robot.set_emergency_stop(False)
+        eventually(lambda: not window.text("#notice"), "the end of the banner")
+    window.set_screen(390, 844)
+    eventually(lambda: window.script("mapCanvas.view.width") == 390, "the phone")
     window.press("#tab-go")
     eventually(lambda: is_beside(".panel"), "the map beside the sheet")
     before = window.script(_MAP_BOX)
@@ -217,7 +229,7 @@ def test_a_whole_map_is_fitted_beside_what_lies_over_it_and_not_moved_by_notices
     lost = robot.inject("lost_localisation")
     eventually(lambda: window.script("store.robot.value.objections.length") == 2, "both")
     assert "1 more" not in window.text("#notice"), "one line"
-    eventually(lambda: window.script("mapCanvas.covered.top > 0"), "its size")
+    eventually(lambda: window.text("#notice"), "the banner")
     assert window.script(_MAP_BOX) == before
     window.press("#fit")
     assert is_beside("#notice")
@@ -430,7 +442,7 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         assert line["height"] < 48, "one line"
         alarm = "document.querySelector('#alarm')"
         assert window.script(f"{alarm}.scrollWidth <= {alarm}.clientWidth")
-        assert "Press the emergency stop" in window.text("#alarm")
+        assert "Press the robot's emergency stop" in window.text("#alarm")
         assert "stands still" not in window.text("#alarm")
         check("alarm")
         window.element("#alarm summary").click()

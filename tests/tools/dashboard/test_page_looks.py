@@ -445,6 +445,8 @@ def bring_about(state: str, robot: SimulatedPage, browser: Browser) -> None:
         robot.push(AbnormalCodes(scs=[code]))
         eventually(lambda: browser.text("#notice"), "the banner")
         assert "Fault" in browser.text("#now")
+        assert "Remove the cause" in browser.text("#now")
+        assert "Hold the stick" not in browser.text("#now")
         assert "Press a place" not in browser.text("#now")
     elif state == "lost":
         robot.inject("off")
@@ -501,6 +503,7 @@ def test_a_robot_without_a_map_looks_as_stored(
     window.set_media(**{"prefers-color-scheme": "light"})
     url = open_without_map(serve, window)
     assert "There is no map" in window.script("document.querySelector('#panel').innerText")
+    assert "Choose another map." in window.script("document.querySelector('#notice').textContent")
     check_picture(window, "nomap", tmp_path)
     window.press("#notice .actions button")
     assert "Maps on the robot" in window.text("#panel")

@@ -141,6 +141,10 @@ import { batch, computed, signal } from "./vendor/preact.js";
 /** Commands that give a task. */
 export const TASK_COMMANDS = ["go", "goMark", "charge"];
 const SLOW = 1 / 3; // share of the limits to which a slow stick drives
+const LOST = ["lost", "not_initialised"]; // objections of a robot that does not know where it is
+const AHEAD = 1; // metres of a path beyond the former place on it in which the robot is searched first
+const BESIDE = 0.5; // metres beside the path beyond which the robot is searched on all of the rest
+const AT_GOAL = 2; // metres that the path may end before a goal at which the robot docks
 const DEAD_ZONE = 0.12; // fraction of the stick's radius within which it does not drive
 /** @type {Record<string, [number, number]>} directions of the stick, right and up, by the code of the key */
 export const KEY_DIRECTIONS = {
@@ -290,6 +294,63 @@ export const shownMap = computed(() =>
 
 /** True if what is shown of the robot may be out of date. */
 export const outdated = computed(() => problem.value !== "" || !link.value?.good);
+/** True if the robot does not know where it is. */
+export const isLost = computed(
+  () => robot.value?.objections?.some(({ name }) => LOST.includes(name)) ?? false,
+);
+/** The running task in the list of tasks, with its destination; undefined without one. */
+export const running = computed(() => tasks.value.find((each) => each.running));
+
+/**
+ * Return the rest of a path from the point nearest to a place: its points, its length, and how far
+ * along the path it begins, in metres. The path may cross itself, so search ahead of the former place.
+ * @param {number[][]} whole
+ * @param {Point} place
+ * @param {number} from how far along the path the former place was, in metres
+ */
+export function restOfPath(whole, { x, y }, from) {
+  /** @param {number} until */
+  const search = (until) => {
+    let best = { away: Infinity, along: 0, index: 0, point: whole[0] };
+    let along = 0;
+    for (let index = 1; index < whole.length; index++) {
+      const [[x1, y1], [x2, y2]] = [whole[index - 1], whole[index]];
+      const length = Math.hypot(x2 - x1, y2 - y1);
+      if (length && along + length >= from && along <= until) {
+        const nearest = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length;
+        const step = Math.min(length, until - along, Math.max(0, from - along, nearest));
+        const point = [x1 + ((x2 - x1) * step) / length, y1 + ((y2 - y1) * step) / length];
+        const away = Math.hypot(point[0] - x, point[1] - y);
+        if (away < best.away) best = { away, along: along + step, index, point };
+      }
+      along += length;
+    }
+    return { ...best, length: along - best.along };
+  };
+  const near = search(from + AHEAD);
+  const { along, length, index, point } = near.away < BESIDE ? near : search(Infinity);
+  return { points: [point, ...whole.slice(index)], length, along };
+}
+
+let followed = { path: path.peek(), along: 0 }; // how far the robot has come on a path, in metres
+/** The part of the path that the robot has still to drive; null while its place is not known. */
+export const pathAhead = computed(() => {
+  if (followed.path !== path.value) followed = { path: path.value, along: 0 };
+  if (!pose.value || outdated.value || isLost.value || path.value.length < 2) return null;
+  const rest = restOfPath(path.value, pose.value, followed.along);
+  followed.along = rest.along;
+  return rest;
+});
+/** Length of the way to the goal of the running task, in metres; empty if the path leads elsewhere. */
+export const wayLeft = computed(() => {
+  const { to, command, place } = running.value ?? {};
+  const mark = map.value?.marks?.find(({ number }) => number === (to || command?.args?.mark));
+  const goal = mark ? [mark.x, mark.y] : place;
+  const end = pathAhead.value?.points.at(-1);
+  if (!goal || !end || Math.hypot(end[0] - goal[0], end[1] - goal[1]) > AT_GOAL) return "";
+  return pathAhead.value?.length.toFixed(1) ?? "";
+});
+
 /** True if this viewer has the control. */
 export const hasControl = computed(() => control.value?.owner === you.value);
 

@@ -19,7 +19,7 @@
  * @property {import("../store.js").Mark[]} marks
  * @property {string} [chosenMark] number of the mark that is selected, or else where the robot goes
  * @property {number[][]} trail where the robot has been
- * @property {number[][]} path that the robot follows
+ * @property {number[][]} path that the robot follows, from where it is
  * @property {number[][]} planned path to the target
  * @property {Pose} [target]
  * @property {{pose: Pose, points: Float32Array}} [scan]
@@ -44,6 +44,7 @@ const DEFAULT_OUTLINE = [
 const MIN_RADIUS = 16; // minimum pixels from the middle of a robot to its farthest corner
 const FONT = "600 12px system-ui, sans-serif"; // of the texts
 const BOLT = new Path2D("M1 -6 -4 1H-.5L-1.500 6 4 -1H.5z"); // of a charger, around its middle
+const AT_MARK = 0.5; // metres from a mark within which it shows the end of the path
 const MANY_MARKS = 150; // if more marks are on the screen, they are drawn without texts
 
 /**
@@ -63,6 +64,7 @@ export function draw(painter, picture) {
   for (const lane of picture.lanes) line(painter, lane, colours.edge, 1, [2, 4]);
   line(painter, picture.trail, colours.faint, 1.5, [3, 5]);
   line(painter, picture.path, colours.accent, 3);
+  drawEnd(painter, picture);
   line(painter, picture.planned, colours.accent, 3, [8, 6]);
   for (const obstacle of picture.obstacles) drawObstacle(painter, obstacle);
   if (picture.scan) drawScan(painter, picture.scan);
@@ -134,6 +136,24 @@ function line(painter, points, colour, width, dashes = []) {
   context.lineWidth = width;
   context.stroke();
   context.setLineDash([]);
+}
+
+/**
+ * Draw a ring at the end of the path, unless a mark is there.
+ * @param {Painter} painter
+ * @param {Picture} picture
+ */
+function drawEnd({ context, view, colours }, { path, marks }) {
+  const [x, y] = path.at(-1) ?? [];
+  if (x === undefined || marks.some((mark) => Math.hypot(mark.x - x, mark.y - y) < AT_MARK)) return;
+  const at = view.toScreen(x, y);
+  context.beginPath();
+  context.arc(at.x, at.y, 7, 0, 2 * Math.PI);
+  context.fillStyle = colours["map-floor"];
+  context.fill();
+  context.strokeStyle = colours.accent;
+  context.lineWidth = 3;
+  context.stroke();
 }
 
 /**

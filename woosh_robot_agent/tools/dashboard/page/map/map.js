@@ -8,7 +8,6 @@ import { View } from "./view.js";
 
 /** @typedef {import("../store.js").Point} Point */
 
-const LOST = ["lost", "not_initialised"]; // objections of a robot that does not know where it is
 const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
 const OCCUPIED = 0.65; // darkness above which a pixel is a wall, as in nav2's map_server
 const FREE = 0.196; // darkness below which a pixel is floor
@@ -504,7 +503,7 @@ export class MapCanvas {
     const others = places.filter(
       (each) => !isChosen(each) && each.scene === robot?.scene && each.map === robot?.map,
     );
-    const running = store.tasks.peek().find((each) => each.running);
+    const running = store.running.peek();
     const plan = target?.plan && "path" in target.plan ? target.plan.path : [];
     return {
       area: area
@@ -522,14 +521,14 @@ export class MapCanvas {
       marks: (layers.marks && map?.marks) || [],
       chosenMark: target?.mark ?? (running?.to || running?.command.args?.mark),
       trail: layers.trail ? this.trail : [],
-      path: layers.path ? store.path.peek() : [],
+      path: layers.path ? (store.pathAhead.peek()?.points ?? store.path.peek()) : [],
       planned: plan,
       target: target?.pose,
       scan: scan && layers.laser ? { points: scan.points, pose: draft ?? scan.pose } : undefined,
       obstacles: this.obstacles,
       others: layers.others ? others : [],
       pose: store.pose.peek() ?? undefined,
-      lost: robot?.objections?.some(({ name }) => LOST.includes(name)) ?? false,
+      lost: store.isLost.peek(),
       name: layers.others && others.length ? places.find(isChosen)?.name : undefined,
       draft: draft ?? undefined,
       outline: layers.footprint ? store.outline.peek() : [],

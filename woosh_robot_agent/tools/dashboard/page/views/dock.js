@@ -8,6 +8,7 @@ import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
 import { degrees, goalText, Icon, placeText, speedTexts, useSettling } from "./parts.js";
 import { TaskOptions } from "./go.js";
+import { notices } from "./stage.js";
 import { taskButtons, taskState } from "./tasks.js";
 
 const TURN = Math.PI / 180; // radians by which a button turns the pose
@@ -87,14 +88,21 @@ function CurrentTask() {
   const mayGo = !isHeld && !reason && !hasFault();
   const isBusy = reason?.key === "objection.busy.reason"; // the report of the task comes later
   const isAuto = store.robot.value?.control === "auto";
-  const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy;
+  const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy && !hasFault();
   const speed = store.stickLimits.value.linear;
+  const title = stateText();
   const hints = [
+    remedyOf(title),
     mayGo && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
     mayDrive && speed && t("dock.hintDrive", { speed: speed.toFixed(2) }),
     limitText(),
   ];
-  return html`<${Now} title=${stateText()} text=${hints.filter(Boolean).join(" ")} />`;
+  return html`<${Now} title=${title} text=${hints.filter(Boolean).join(" ")} />`;
+}
+
+/** Return the remedy of the notice with this title, or short title; empty without one. @param {unknown} title */
+function remedyOf(title) {
+  return notices().find((each) => (each.short ?? each.title) === title)?.text ?? "";
 }
 
 /** Return the speed limit; empty without one. */
@@ -105,16 +113,17 @@ function limitText() {
 
 /**
  * Texts about the robot. While its state is outdated, a notice replaces `text`.
- * @param {{title: unknown, text: string, more?: string, button?: unknown}} props
+ * @param {{title: unknown, text: unknown, remedy?: string, more?: string, button?: unknown}} props
  */
-function Now({ title, text, more = "", button }) {
+function Now({ title, text, remedy = "", more = "", button }) {
   const old = store.outdated.value;
   return html`<div class="now ${old ? "old" : ""}" id="now">
     <b>${title}</b>
     <p role="status">
       ${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}
     </p>
-    ${button} ${more && html`<p>${more}</p>`}
+    ${remedy && !old && html`<p class="remedy">${remedy}</p>`} ${button}
+    ${more && html`<p>${more}</p>`}
   </div>`;
 }
 
@@ -246,13 +255,15 @@ function Preview() {
 function Running() {
   const task = store.robot.value?.task;
   if (!task) return null;
-  const entry = store.tasks.value.find((each) => each.running); // knows where the task goes
+  const entry = store.running.value; // knows where the task goes
   const target = store.target.value;
   const [notContinued, notSent] = [
     task.state === "paused" && refusal("continue"),
     target && refusal(target.command),
   ].map((each) => each && say(each));
-  const text = [taskState(task), task.text, notContinued];
+  // the robot's own text may say the same as the reason
+  const text = [taskState(task), notContinued || task.text].filter(Boolean).join(" · ");
+  const keeps = !notContinued && !target && t("dock.keeps");
   const more = [
     limitText(),
     ...(target ? targetTexts(target) : []),
@@ -260,7 +271,8 @@ function Running() {
   ];
   return html`<${Now}
       title=${entry ? goalText(entry) : stateText()}
-      text=${text.filter(Boolean).join(" · ")}
+      text=${[text, keeps && html`<span class="keeps">${` · ${keeps}`}</span>`]}
+      remedy=${notContinued && !target ? remedyOf(notContinued) : ""}
       more=${more.filter(Boolean).join(" · ")}
       button=${target && html`<${Dismiss} />`}
     />
@@ -328,7 +340,7 @@ function Stick() {
 /** The dock of a viewer who may only look: the state, without the stick. */
 export function ReadOnly() {
   const task = store.robot.value?.task;
-  const entry = store.tasks.value.find((each) => each.running); // of the task, with its destination
+  const entry = store.running.value;
   const target = store.target.value;
   const title = task?.running && entry ? goalText(entry) : stateText();
   const text = task?.running ? taskState(task) : t("dock.looking");

@@ -21,7 +21,10 @@ import {
 import { outcomeText, TONES } from "./tasks.js";
 
 /** @typedef {[string, () => void]} Action  text of a button, and what it does */
-/** @typedef {{tone: string, title: string, text: string, action?: Action}} Notice  tone: a CSS class */
+/**
+ * @typedef {{tone: string, title: string, text: string, action?: Action, short?: string}} Notice
+ *   tone: a CSS class; short: title in the dock, if it is another one
+ */
 
 // Status codes that say the same as an objection, by its name, without their last digit: the level.
 /** @type {Record<string, string[]>} */
@@ -237,7 +240,7 @@ function Notices() {
   useEffect(() => {
     updateCovered();
     map?.refit();
-  }, [known]);
+  }, [known, isTiny]);
   return html`<div class="notices" ref=${box}>
     ${
       alarms.length > 0 &&
@@ -276,8 +279,8 @@ function Notices() {
 }
 
 /**
- * Tell the map which margins the notices cover, and on a small screen the panel. There, pad the panel
- * by the height that the notices cover of it; its content stays where it is on the screen.
+ * Tell the map which margins the notices cover, or would cover, and on a small screen the panel. There, pad the panel by the height that the notices cover of it; its content stays where it
+ * is on the screen.
  */
 function updateCovered() {
   const canvas = map?.canvas.getBoundingClientRect();
@@ -293,9 +296,11 @@ function updateCovered() {
   }
   const nothing = { top: canvas.bottom, right: canvas.left };
   const covered = sheet?.height ? sheet : nothing;
-  const below = sheet && sheet.width >= canvas.width;
+  const below = sheet && sheet.height > 0 && sheet.width >= canvas.width;
+  // in pixels; over an open sheet the map is low already
+  const room = getComputedStyle(document.documentElement).getPropertyValue("--notice");
   map?.setInset({
-    top: notices?.height ? notices.bottom - canvas.top : 0,
+    top: Math.max(below ? 0 : parseFloat(room), notices?.height ? notices.bottom - canvas.top : 0),
     right: 0,
     bottom: below ? Math.max(0, canvas.bottom - covered.top) : 0,
     left: below ? 0 : Math.max(0, covered.right - canvas.left),
@@ -364,12 +369,15 @@ export function notices() {
   }
   for (const code of unexplained().filter(({ level }) => level === "fault")) {
     const title = t("notice.fault", { text: meaningOf(code) || code.text || code.code });
-    found.push({ tone: "bad", title, text: t("notice.faultRemedy", { code: code.code }) });
+    const text = t("notice.faultRemedy", { code: code.code });
+    found.push({ tone: "bad", title, text, short: t("state.fault") });
   }
   const error = store.map.value?.error;
   /** @type {Action | undefined} */
   const maps = may && !refusal("switchMap") ? [t("tab.map"), () => openTab("map")] : undefined;
-  if (error) found.push({ tone: "warn", title: t("map.none"), text: say(error), action: maps });
+  const noMap = maps && !store.map.value?.resolution;
+  const reason = error && (noMap ? t("map.noneRemedy", { reason: error }) : say(error));
+  if (reason) found.push({ tone: "warn", title: t("map.none"), text: reason, action: maps });
   const standstill = store.control.value?.standstill;
   if (standstill)
     found.push({ tone: "warn", title: t("notice.standstill"), text: say(standstill) });

@@ -85,12 +85,14 @@ export function taskButtons() {
 }
 
 /**
- * Return the state of a running task as text.
+ * Return the state of the running task as text, with the way left while it drives.
  * @param {import("../store.js").RunningTask} task
  */
 export function taskState({ state, action, actionState }) {
   const names = [tOr(`task.${state}`, state)];
-  if (action && !["paused", "held up"].includes(state)) names.push(tOr(`action.${action}`, action));
+  const left = action === "nav" && store.wayLeft.value;
+  const doing = left ? t("task.left", { length: left }) : tOr(`action.${action}`, action);
+  if (action && !["paused", "held up"].includes(state)) names.push(doing);
   if (["warning", "traffi ctrl"].includes(actionState)) names.push(t(`actionState.${actionState}`));
   return names.join(" · ");
 }
