@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.quick_chassis import edit_bodies
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.chassis_events import commands, received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
@@ -17,9 +18,12 @@ from tests.vda5050.test_orders_instant import SCOPES
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
+from woosh_robot_agent.simulator.world.geometry import Pose
 
 
 @aio
@@ -43,6 +47,28 @@ async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> N
         assert ended["errors"] == []
     assert commands(site.chassis) == ["drive", "charge C1", "cancel", "drive"]
     assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
+
+
+@aio
+async def test_a_robot_that_was_taken_from_its_charger_without_a_link_does_not_go_on(
+    site: Site,
+) -> None:
+    def take_away(simulator: SimulatedChassis) -> None:
+        simulator.chassis.tasks.cancel("a button")
+        simulator.chassis.localise(Pose(*START, 0.0))
+
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    async with site.online() as master:
+        charge = action("startCharging", "charge")
+        nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
+        master.order([*nodes, node("c", 4, 6.0, -7.0)])
+        await master.error("robotBusyError")
+        # real robots do not report a task that has ended
+        edit_bodies(site.chassis, RobotInfo, lambda info: info.ClearField("task_proc"))
+        async with site.without_link(master):
+            site.chassis.call(take_away)
+        await master.error("interruptedError")
+    assert commands(site.chassis) == ["drive", "charge C1"]
 
 
 @aio

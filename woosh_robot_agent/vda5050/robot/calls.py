@@ -127,11 +127,6 @@ class RobotCalls:
         link.chassis.on_state(self._link_changed)
 
     @property
-    def busy(self) -> bool:
-        """True while the robot executes an action."""
-        return bool(self._calls)
-
-    @property
     def moves_base(self) -> bool:
         """True while the robot executes an action that moves its base."""
         return not self._calls.keys().isdisjoint(_MOVES_BASE)
@@ -142,6 +137,11 @@ class RobotCalls:
         return all(
             call.controller.stays_paused or call.cannot_pause for call in self._calls.values()
         )
+
+    @property
+    def any_paused(self) -> bool:
+        """True if an action is paused, by its last report."""
+        return any(call.controller.paused for call in self._calls.values())
 
     def want(self, control: Control) -> None:
         """Pause or resume all actions, as `Controller.want` does."""
