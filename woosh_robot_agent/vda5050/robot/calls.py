@@ -71,7 +71,7 @@ class _Call:
     Attributes:
         accepted: True if the robot has accepted the start.
         reported: True if the robot has reported the action as executing or paused.
-        cannot_pause: True if the robot could not pause the action.
+        cannot_pause: True if the robot could not pause the action, which does not move the base.
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
         outcome_unknown: True if the robot does not tell how the action ended.
@@ -253,7 +253,12 @@ class RobotCalls:
             self._link.changed()
 
     def _pause_failed(self, call: _Call) -> None:
-        """Take note that the robot cannot pause an action, so that no pause is sent again."""
+        """Take note that the robot cannot pause an action, so that no pause is sent again.
+
+        A pause of an action that moves the base is sent until the robot stands.
+        """
+        if full_name(call.command) in _MOVES_BASE:
+            return
         call.cannot_pause = True
         call.controller.withdraw_pause()
         self._link.changed()
