@@ -134,6 +134,21 @@ async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
 
 
 @aio
+async def test_an_action_of_an_edge_waits_for_the_end_of_that_of_the_edge_before(
+    site: Site,
+) -> None:
+    async with site.online() as master:
+        a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)
+        endless = action("liftTo", "endless", blocking="NONE", height=0.2, speed=0.001)
+        short = action("liftTo", "short", blocking="NONE", height=0.02)
+        master.order([a, b, c], [edge(a, b, actions=[endless]), edge(b, c, actions=[short])])
+        ended = await master.reached("c")
+        assert status_of(ended, "endless") == "FAILED"
+        assert status_of(ended, "short") == "FINISHED"
+        assert site.chassis.state.column == pytest.approx(0.02)
+
+
+@aio
 async def test_a_cancelled_order_ends_when_the_action_of_an_edge_has_ended(site: Site) -> None:
     async with site.online(timing=Timing(repeat_after=0.2)) as master:
         a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)

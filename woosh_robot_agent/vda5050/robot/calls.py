@@ -75,6 +75,7 @@ class _Call:
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
         outcome_unknown: True if the robot does not tell how the action ended.
+        is_cancelled: True once it is being cancelled.
         result: text of the last report.
         controller: pauses, resumes and cancels the action.
     """
@@ -89,6 +90,7 @@ class _Call:
         self.reported = False
         self.cannot_pause = False
         self.outcome_unknown = False
+        self.is_cancelled = False
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.result = ""
 
@@ -149,6 +151,11 @@ class RobotCalls:
             call.cannot_pause = False  # the robot may be able to now
             call.controller.want(control)
 
+    def is_cancelling(self, command: Message) -> bool:
+        """Return True while an action of the same kind is being cancelled."""
+        call = self._calls.get(full_name(command))
+        return call is not None and call.is_cancelled
+
     async def perform(self, command: Message, report: Callable[[ActionStatus], None]) -> str:
         """Execute an action, and return the text of its last report.
 
@@ -170,6 +177,7 @@ class RobotCalls:
             reason = await asyncio.shield(call.ended)
         except asyncio.CancelledError:
             if not self._link.is_closing:  # when the connector ends, the robot goes on
+                call.is_cancelled = True
                 call.controller.want(Control.CANCEL)
                 await asyncio.wait({call.ended})
             raise
