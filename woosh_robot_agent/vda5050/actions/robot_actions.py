@@ -43,7 +43,7 @@ _NOT_ENDED = Sentence("vda.notEnded", "the robot refused to end its task: {reaso
 _STILL_CHARGES = Sentence("vda.stillCharges", "the robot still charges after {seconds} s")
 _STATION = "stationName"
 _CANCEL_TIMEOUT = 5.0
-"""Maximum time until a robot whose charging task was cancelled ends to charge, in seconds."""
+"""Maximum time from the cancel of a charging task until the robot stops charging, in seconds."""
 _CHARGE_TIMEOUT = 30.0
 """Maximum time until the robot reports that it does not charge any more, in seconds."""
 

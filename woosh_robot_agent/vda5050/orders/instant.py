@@ -183,7 +183,7 @@ class InstantActions:
     def _is_too_many(self, action_type: str) -> bool:
         """Return True if too many actions run, now that an action of this type is among them.
 
-        Pauses and cancellations are counted for themselves, so that other actions do not keep a
+        Pauses and cancellations have a count of their own, so that other actions do not keep a
         pause from the vehicle.
         """
         stops = (START_PAUSE, STOP_PAUSE, CANCEL_ORDER)
