@@ -19,7 +19,7 @@ from tests.vda5050.test_orders_instant import SCOPES
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
@@ -54,21 +54,27 @@ async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> N
 async def test_charging_ends_although_the_robot_has_just_confirmed_it(
     broker: Mosquitto, recorder: Recorder
 ) -> None:
-    def has_confirmed() -> bool:
-        job = chassis.state.info.task_proc.action
-        return (job.type, job.state) == (action_pb2.kCharge, action_pb2.kRosSuccess)
+    confirmed: list[bool] = []
+
+    def wait_after_confirmation(out: Outgoing) -> list[Outgoing]:
+        job = out.body.action if isinstance(out.body, TaskProc) else TaskProc.Action()
+        done = (job.type, job.state) == (action_pb2.kCharge, action_pb2.kRosSuccess)
+        if done and not confirmed:
+            confirmed.append(done)
+            simulator.speed = 0.05  # the task ends after 20 s
+        return [out]
 
     # a robot of this profile charges on after its task
     config = SimulatorConfig(port=0, tcp_port=0, profile="tr200", speed=20)
     with SimulatorThread(config) as chassis:
+        simulator = chassis.call(lambda simulator: simulator)
         chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+        chassis.intercept(wait_after_confirmation)
         async with Site(chassis, broker, recorder).online() as master:
             charge = action("startCharging", "charge")
             master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
+            await eventually(lambda: confirmed)
             await master.status("charge", "FINISHED")
-            set_speed(chassis, 1.0)
-            await eventually(has_confirmed)
-            set_speed(chassis, 0.1)  # the task ends a second later
             master.instant(action("stopCharging", "stop"))
             await eventually(lambda: "cancel" in commands(chassis))
             set_speed(chassis, 20.0)
