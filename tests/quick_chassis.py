@@ -27,12 +27,18 @@ def set_speed(chassis: SimulatorThread, speed: float) -> None:
     chassis.call(lambda simulator: setattr(simulator, "speed", speed))
 
 
-def edit_bodies(chassis: SimulatorThread, cls: Any, edit: Callable[[Any], object]) -> None:
-    """Let a function change the bodies of a class in all frames of the chassis."""
+def edit_bodies(
+    chassis: SimulatorThread, cls: Any, edit: Callable[[Any], object]
+) -> Callable[[], None]:
+    """Let a function change the bodies of a class in all frames of the chassis.
+
+    Returns:
+        A function that ends this.
+    """
 
     def intercept(frame: Outgoing) -> list[Outgoing]:
         if isinstance(frame.body, cls):
             edit(frame.body)
         return [frame]
 
-    chassis.intercept(intercept)
+    return chassis.intercept(intercept)

@@ -6,12 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.tools.waiting import aio
+from tests.tools.waiting import aio, eventually
 from tests.vda5050.chassis_events import commands, statuses, together
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, edge, node, result_of, status_of
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.vda5050 import store
 from woosh_robot_agent.vda5050.messages.order import BlockingType
+from woosh_robot_agent.vda5050.robot.link import Timing
 from woosh_robot_agent.vda5050.store import replace_file
 
 
@@ -128,6 +131,40 @@ async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
         await master.reached("c")
     assert commands(site.chassis).count("lift_control3 cancel") == 1
     assert site.chassis.state.column < 0.2
+
+
+@aio
+async def test_an_action_of_an_edge_waits_for_the_end_of_that_of_the_edge_before(
+    site: Site,
+) -> None:
+    async with site.online() as master:
+        a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)
+        endless = action("liftTo", "endless", blocking="NONE", height=0.2, speed=0.001)
+        short = action("liftTo", "short", blocking="NONE", height=0.02)
+        master.order([a, b, c], [edge(a, b, actions=[endless]), edge(b, c, actions=[short])])
+        ended = await master.reached("c")
+        assert status_of(ended, "endless") == "FAILED"
+        assert status_of(ended, "short") == "FINISHED"
+        assert site.chassis.state.column == pytest.approx(0.02)
+
+
+@aio
+async def test_a_cancelled_order_ends_when_the_action_of_an_edge_has_ended(site: Site) -> None:
+    async with site.online(timing=Timing(repeat_after=0.2)) as master:
+        a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)
+        endless = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
+        master.order([a, b, c], [edge(a, b, actions=[endless]), edge(b, c)])
+        await master.status("lift", "RUNNING")
+        site.chassis.refuse(full_name(CallAction), "not now")
+        await master.reached("b")
+        master.instant(action("cancelOrder", "cancel"))
+        await eventually(lambda: "cancel" in commands(site.chassis))
+        sent = commands(site.chassis).count("lift_control3 cancel")
+        await eventually(lambda: commands(site.chassis).count("lift_control3 cancel") > sent + 2)
+        assert status_of(master.state, "cancel") == status_of(master.state, "lift") == "RUNNING"
+        site.chassis.clear_faults()
+        ended = await master.status("cancel", "FINISHED")
+        assert status_of(ended, "lift") == "FAILED"
 
 
 @aio

@@ -7,6 +7,7 @@ import io
 import threading
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
@@ -19,6 +20,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
 from woosh_robot_agent.vda5050.actions.map_actions import MapFileError, fetch, unpack
 
 SCENE = b"""
@@ -151,6 +153,28 @@ async def test_a_position_on_another_map_is_initialised(site: Site) -> None:
         assert error_types(state)[-2:] == ["actionError", "actionError"]
     assert site.chassis.counts[full_name(SwitchMap)] == 1
     assert site.chassis.counts[full_name(InitRobot)] == 2
+
+
+@aio
+async def test_an_order_goes_on_when_the_robot_has_reported_its_pose_on_the_map(site: Site) -> None:
+    late: list[Release] = []
+
+    def hold_pose(out: Outgoing) -> list[Outgoing]:
+        if out.type == full_name(PoseSpeed):
+            return [replace(out, hold=lambda client, release: late.append(release))]
+        return [out]
+
+    async with site.online() as master, site.other_client() as gate:
+        master.order([node("a", 0, *START), node("b", 2, START[0] + 1, START[1], map_id="scenex")])
+        await master.error("drivingError")
+        release_all = site.chassis.intercept(hold_pose)
+        answer = await gate.request(SwitchMap(scene_name="scenex", map_name="scenex"))
+        assert answer.ok
+        await master.wait_state(lambda state: maps(state)["scenex"][1] == "ENABLED")
+        await eventually(lambda: late)
+        release_all()
+        site.chassis.call(lambda simulator: [release() for release in late])
+        await master.reached("b")
 
 
 @aio

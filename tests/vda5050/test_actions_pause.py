@@ -292,6 +292,43 @@ async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_
 
 
 @aio
+async def test_a_pause_of_a_step_that_the_robot_refuses_is_sent_until_the_robot_obeys(
+    site: Site,
+) -> None:
+    async with site.online(timing=Timing(repeat_after=0.2, pause_within=0.5)) as master:
+        set_speed(site.chassis, 1.0)
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        site.chassis.refuse(full_name(CallAction), "not now")
+        master.instant(action("startPause", "p"))
+        await master.status("p", "FAILED")
+        site.chassis.clear_faults()
+        await master.wait_state(lambda state: state["paused"] and not state["driving"])
+        assert status_of(master.state, "step") == "RUNNING"
+
+
+@aio
+async def test_an_action_that_the_robot_does_not_resume_stays_paused_until_it_does(
+    site: Site,
+) -> None:
+    async with site.online(timing=Timing(pause_within=0.5)) as master:
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        master.instant(action("startPause", "p1"))
+        await master.status("p1", "FINISHED")
+        site.chassis.refuse(full_name(CallAction), "not now")
+        master.instant(action("stopPause", "s1"))
+        failed = await master.status("s1", "FAILED")
+        assert failed["paused"]
+        master.instant(action("startPause", "p2"))
+        await master.status("p2", "FINISHED")
+        site.chassis.clear_faults()
+        master.instant(action("stopPause", "s2"))
+        await master.status("s2", "FINISHED")
+        await master.status("step", "FINISHED")
+
+
+@aio
 async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
     broker: Mosquitto, recorder: Recorder
 ) -> None:

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.quick_chassis import edit_bodies, set_speed
 from tests.tools.waiting import aio, eventually
+from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, action, error_types, node, references, result_of, status_of
@@ -17,9 +19,12 @@ from tests.vda5050.test_orders_instant import SCOPES
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.util import robot_pb2
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.util import action_pb2, robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
+from woosh_robot_agent.simulator.world.geometry import Pose
 
 
 @aio
@@ -43,6 +48,61 @@ async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> N
         assert ended["errors"] == []
     assert commands(site.chassis) == ["drive", "charge C1", "cancel", "drive"]
     assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
+
+
+@aio
+async def test_charging_ends_although_the_robot_has_just_confirmed_it(
+    broker: Mosquitto, recorder: Recorder
+) -> None:
+    confirmed: list[bool] = []
+
+    def wait_after_confirmation(out: Outgoing) -> list[Outgoing]:
+        job = out.body.action if isinstance(out.body, TaskProc) else TaskProc.Action()
+        done = (job.type, job.state) == (action_pb2.kCharge, action_pb2.kRosSuccess)
+        if done and not confirmed:
+            confirmed.append(done)
+            simulator.speed = 0.05  # the task ends after 20 s
+        return [out]
+
+    # a robot of this profile charges on after its task
+    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200", speed=20)
+    with SimulatorThread(config) as chassis:
+        simulator = chassis.call(lambda simulator: simulator)
+        chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+        chassis.intercept(wait_after_confirmation)
+        async with Site(chassis, broker, recorder).online() as master:
+            charge = action("startCharging", "charge")
+            master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
+            await eventually(lambda: confirmed)
+            await master.status("charge", "FINISHED")
+            master.instant(action("stopCharging", "stop"))
+            await eventually(lambda: "cancel" in commands(chassis))
+            set_speed(chassis, 20.0)
+            stopped = await master.status("stop", "FINISHED")
+            assert not stopped["batteryState"]["charging"]
+            assert commands(chassis)[2:] == ["cancel", "charge_control execute"]
+
+
+@aio
+async def test_a_robot_that_was_taken_from_its_charger_without_a_link_does_not_go_on(
+    site: Site,
+) -> None:
+    def take_away(simulator: SimulatedChassis) -> None:
+        simulator.chassis.tasks.cancel("a button")
+        simulator.chassis.localise(Pose(*START, 0.0))
+
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    async with site.online() as master:
+        charge = action("startCharging", "charge")
+        nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
+        master.order([*nodes, node("c", 4, 6.0, -7.0)])
+        await master.error("robotBusyError")
+        # real robots do not report a task that has ended
+        edit_bodies(site.chassis, RobotInfo, lambda info: info.ClearField("task_proc"))
+        async with site.without_link(master):
+            site.chassis.call(take_away)
+        await master.error("interruptedError")
+    assert commands(site.chassis) == ["drive", "charge C1"]
 
 
 @aio

@@ -10,8 +10,12 @@ from tests.tools.waiting import aio, eventually
 from tests.vda5050.conftest import EXEC, ORDER, Site, task_to
 from tests.vda5050.master import START, Master, action, error_types, node, nodes_left
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.simulator.world.geometry import Pose
+
+STRAIGHT = StepControl.Step(mode=StepControl.Step.kStraight, value=0.4, speed=0.02)
 
 
 @aio
@@ -89,6 +93,22 @@ async def test_an_order_waits_for_the_task_of_somebody_else(site: Site) -> None:
 
 
 @aio
+async def test_an_order_waits_for_the_step_of_somebody_else_beside_an_own_action(
+    site: Site,
+) -> None:
+    step = StepControl(action=kExecute, steps=[STRAIGHT])
+    async with site.online() as master, site.other_client() as gate:
+        master.instant(action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001))
+        await master.status("lift", "RUNNING")
+        assert (await gate.request(CallAction(step_control=step))).ok
+        await master.wait_state(lambda state: state["driving"])
+        master.order([node("a", 0, *START, allowedDeviationXY=1.0), node("b", 2, 6.0, -7.0)])
+        await master.error("robotBusyError")
+        assert site.chassis.counts[EXEC] == 0
+        await master.reached("b")
+
+
+@aio
 async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(site: Site) -> None:
     async with waiting_for(task_to(4.3, -6.68), site) as master:
         master.instant(action("cancelOrder", "cancel"))
@@ -134,3 +154,18 @@ async def test_the_last_node_is_forgotten_when_people_move_the_robot_away(site: 
         assert state["lastNodeId"] == "a"
         site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
         await master.reached("")
+
+
+@aio
+async def test_an_action_that_does_not_drive_hides_no_move(site: Site) -> None:
+    async with site.online() as master:
+        first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
+        master.order([first, second | {"released": False}])
+        await master.accepted("order")
+        master.instant(action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001))
+        await master.status("lift", "RUNNING")
+        site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
+        await master.placed_at(5.5)
+        master.order([first, second], update=1)
+        await master.error("interruptedError")
+    assert site.chassis.counts[EXEC] == 0

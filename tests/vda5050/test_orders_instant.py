@@ -92,6 +92,13 @@ def test_an_action_that_forbids_driving_holds_the_order_until_it_ends() -> None:
     assert vehicle.robot.legs == ["b"]
 
 
+def test_a_pause_is_performed_however_many_actions_run() -> None:
+    vehicle = Vehicle()
+    lifts = [Action(f"{number}", "liftTo", parameters={"height": 0.1}) for number in range(201)]
+    assert len(vehicle.receive(*lifts)) == 200
+    assert vehicle.receive(PAUSE) == ["pause"]
+
+
 # The check of actions
 
 POSE = {"x": 0.0, "y": 0.0, "theta": 0.0, "mapId": "wooshmap", "lastNodeId": "a"}

@@ -432,6 +432,17 @@ def test_a_vehicle_that_somebody_has_moved_away_does_not_go_on() -> None:
     assert robot.machine.error.type == ErrorType.INTERRUPTED.value
 
 
+def test_a_change_of_the_map_hides_no_move() -> None:
+    robot = given(path("ab", "c"))
+    robot.arrive()
+    for place_on_map in (at(1.0, map_id="roof"), at(9.0, map_id="roof"), at(9.0)):
+        robot.machine.moved(place_on_map)
+    robot.give(path("bc", first=2, update=1))
+    assert robot.legs == ["b"]
+    assert robot.machine.error is not None
+    assert robot.machine.error.type == ErrorType.INTERRUPTED.value
+
+
 def test_a_vehicle_that_its_own_actions_have_moved_goes_on() -> None:
     robot = given(path("ab", "c"))
     robot.arrive()
@@ -448,6 +459,16 @@ def test_a_trajectory_that_begins_far_away_is_not_driven() -> None:
     assert robot.legs == []
     assert robot.machine.error is not None
     assert "begins 3.0 m away" in robot.machine.error.description
+
+
+def test_a_trajectory_that_leads_back_to_its_start_is_driven() -> None:
+    square = Trajectory(
+        1,
+        (0.0, 0.0, 0.3, 0.6, 1.0, 1.0),
+        tuple(ControlPoint(x, y) for x, y in ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 0.0))),
+    )
+    robot = given(path("ab", b=place(0.0), edges={"ab": {"trajectory": square}}))
+    assert (robot.legs, robot.last) == (["b"], "a")
 
 
 def test_a_drive_that_was_not_sent_is_commanded_again() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.quick_chassis import set_speed
+from tests.quick_chassis import edit_bodies, set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.chassis_events import received
 from tests.vda5050.conftest import Site
@@ -23,6 +23,8 @@ from tests.vda5050.master import (
     references,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.simulator.world.geometry import Pose
 
 X, Y = START
 STEP = 0.8
@@ -233,6 +235,30 @@ async def test_a_robot_that_does_not_know_its_position_takes_no_order(site: Site
         state = await master.error("orderError")
         assert "initPosition" in str(state["errors"])
         assert state["orderId"] == ""
+
+
+@aio
+async def test_an_order_goes_no_further_while_the_robot_is_on_no_map(site: Site) -> None:
+    async with site.online() as master:
+        first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
+        later = node("c", 4, 7.0, -7.0)
+        master.instant(action("startPause", "p"))
+        master.order([first, second, later | {"released": False}])
+        await master.accepted()
+        on_map_again = edit_bodies(site.chassis, PoseSpeed, lambda pose: setattr(pose, "map_id", 0))
+        site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(*START, 0.1)))
+        await eventually(
+            lambda: (last := master.last("visualization")) and "agvPosition" not in last
+        )
+        master.order([second, later], update=1)
+        state = await master.error("orderError")
+        assert "initPosition" in str(state["errors"])
+        master.instant(action("stopPause", "s"))
+        await master.status("s", "FINISHED")
+        assert received(site.chassis, ExecTask) == []
+        on_map_again()
+        site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(*START, 0.2)))
+        await master.reached("b")
 
 
 @aio

@@ -159,6 +159,9 @@ class Connect(_connect):
         raise InvalidHandshake(f"it redirects to {uri}")
 
 
+_PROGRESS = 1024
+"""Number of bytes of an unfinished frame that count as a sign of life. Fewer do not count: a frame
+that trickles in must not keep the link alive forever."""
 _LARGEST_MESSAGE = 2**31 - 1
 """Maximum size of a protobuf message, in bytes."""
 
@@ -181,6 +184,7 @@ class TcpTransport:
         self._now = asyncio.get_running_loop().time
         self.peer = peer_address(writer.transport)
         self.progress_at = 0.0
+        self._bytes_since_progress = 0
         self.received = 0
         self.waited = False  # not known over TCP
 
@@ -194,6 +198,7 @@ class TcpTransport:
     async def recv(self) -> str | bytes:
         try:
             size = await self._read_varint()
+            self._bytes_since_progress = 0
             if size > _LARGEST_MESSAGE:  # skipping it would take forever
                 raise TransportClosedError(f"not delimited protobuf: frame of {size} bytes")
             if size > self._max_size:
@@ -201,11 +206,10 @@ class TcpTransport:
                 raise FrameError(
                     "oversize", f"{size} bytes are more than max_frame_size, {self._max_size}"
                 )
-            if size <= CHUNK:
-                data = await self._reader.readexactly(size)
-                self.received += size
-                return data
-            return await self._read_large(size)
+            data = bytearray()
+            while len(data) < size:
+                data += await self._read_part(size - len(data))
+            return bytes(data)
         except asyncio.IncompleteReadError as error:
             raise TransportClosedError(_CUT if error.partial else _CLOSED) from None
         except OSError as error:
@@ -245,19 +249,20 @@ class TcpTransport:
                 return size
         raise TransportClosedError("not delimited protobuf: the frame length is not a varint")
 
-    async def _read_large(self, size: int) -> bytes:
-        data = bytearray()
-        while len(data) < size:
-            chunk = await self._reader.readexactly(min(size - len(data), CHUNK))
-            data += chunk
-            self.received += len(chunk)
-            self.progress_at = self._now()
-        return bytes(data)
+    async def _read_part(self, size: int) -> bytes:
+        """Return the next bytes of an unfinished frame, of which `size` bytes are missing."""
+        part = await self._reader.read(min(size, CHUNK))
+        if not part:
+            raise TransportClosedError(_CUT)
+        self.received += len(part)
+        self._bytes_since_progress += len(part)
+        if self._bytes_since_progress >= _PROGRESS:
+            self.progress_at, self._bytes_since_progress = self._now(), 0
+        return part
 
     async def _skip(self, size: int) -> None:
         while size:
-            size -= len(await self._reader.readexactly(min(size, CHUNK)))
-            self.progress_at = self._now()
+            size -= len(await self._read_part(size))
 
 
 async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
@@ -280,9 +285,6 @@ def varint(value: int) -> bytes:
     return bytes(out)
 
 
-_PROGRESS = 1024
-"""Number of bytes of an unfinished frame that count as a sign of life. Fewer do not count: a frame
-that trickles in must not keep the link alive forever."""
 _MESSAGE_STARTS = (Opcode.TEXT, Opcode.BINARY)
 """Opcodes of the first frame of a message."""
 _MESSAGE_TOO_BIG = 1009

@@ -10,7 +10,7 @@ from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import SpeedLimiter
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.sentences import Sentence, said_by
-from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes
+from woosh_robot_agent.vda5050.messages.factsheet import STANDSTILL, ActionTypes
 from woosh_robot_agent.vda5050.messages.order import Action
 from woosh_robot_agent.vda5050.messages.state import (
     ActionStatus,
@@ -163,7 +163,8 @@ class Execution:
             is_drive_paused = not self.order.driving or self.drive.stays_paused
             return is_drive_paused and self.calls.all_paused and self.tasks.all_paused
         # a drive that waits for an instant action is held, too, but the vehicle is not paused
-        return self.drive.paused and not self.order.held
+        is_drive_paused = self.drive.paused and not self.order.held
+        return is_drive_paused or self.calls.any_paused or self.tasks.paused
 
     @property
     def _is_driven_otherwise(self) -> bool:
@@ -173,7 +174,13 @@ class Execution:
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
             return foreign_id != own_id  # for `drive`, the task of an action is foreign too
-        return bool(self.link.gate.reported_owner) and not own_id and not self.calls.busy
+        return bool(self.link.gate.reported_owner) and not own_id and not self.calls.moves_base
+
+    @property
+    def _may_be_moved_by_action(self) -> bool:
+        """True while an action runs that needs a standing robot, because it may move the robot."""
+        kinds = (self.types.get(each.type) for each in self.active.values())
+        return any(kind is not None and kind.blocking == STANDSTILL for kind in kinds)
 
     @property
     def _has_charging_task(self) -> bool:
@@ -240,9 +247,9 @@ class Execution:
         if not self.active:
             self._link_was_lost = False
         # without a link, people may have moved the robot unless the action itself moves it
-        is_acting = self.calls.moves_base if self._link_was_lost else bool(self.active)
+        is_acting = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
         self.order.moved(
-            place, by_action=is_acting or self.tasks.id != 0, confirmed=self.drive.confirmed
+            place, by_action=is_acting or self.tasks.confirmed, confirmed=self.drive.confirmed
         )
         if self.robot.status is not None and self.robot.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()
@@ -344,7 +351,12 @@ class Execution:
     def _poll_order(self) -> list[Command]:
         if self._is_driven_otherwise:  # so the robot may leave the last node
             self.order.require_place_check()
-        may_drive = self.may_act and self.robot.is_automatic and not self.tasks.id
+        may_drive = (
+            self.may_act
+            and self.robot.is_automatic
+            and self.robot.position is not None
+            and not self.tasks.id
+        )
         return self.order.poll(
             may_drive=may_drive and not self._is_driven_otherwise,
             # cancelOrder itself empties the order, so that both end in the same state message

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 
 from woosh_robot_agent.link.reports import LogOnce, one_line
 from woosh_robot_agent.sentences import Sentence
@@ -74,7 +74,7 @@ class OrderCheck:
                 _NOT_AUTOMATIC(),
                 "switch the robot to automatic control and task mode",
             )
-        if status.position is not None and not status.position.initialised:
+        if status.position is None or not status.position.initialised:
             raise self._error(
                 ErrorType.NOT_AVAILABLE, _NO_POSITION(), "place it on the map with initPosition"
             )
@@ -83,8 +83,9 @@ class OrderCheck:
         self._check_size()
         for edge in self._order.edges:
             self._check_edge(edge)
+        maps = {status.position.map_id, *(each.id for each in status.maps or ())}
         for node in self._order.nodes:
-            self._check_node(node, status)
+            self._check_node(node, maps)
         for start, edge, end in zip(
             self._order.nodes, self._order.edges, self._order.nodes[1:], strict=False
         ):
@@ -121,7 +122,7 @@ class OrderCheck:
             )
         self._check_actions(edge.actions, Scope.EDGE, edgeId=edge.id)
 
-    def _check_node(self, node: Node, status: RobotStatus) -> None:
+    def _check_node(self, node: Node, maps: Set[str]) -> None:
         if node.position is None:
             raise self._error(
                 ErrorType.ORDER,
@@ -130,14 +131,11 @@ class OrderCheck:
                 nodeId=node.id,
                 parameter="nodePosition",
             )
-        known = {each.id for each in status.maps or ()}
-        if status.position is not None:
-            known.add(status.position.map_id)
-        if node.position.map_id not in known:
+        if node.position.map_id not in maps:
             raise self._error(
                 ErrorType.UNKNOWN_MAP,
                 _NO_MAP(map=node.position.map_id),
-                f"use one of its maps: {', '.join(sorted(known)) or 'it has no position on any'}",
+                f"use one of its maps: {', '.join(sorted(maps))}",
                 nodeId=node.id,
                 mapId=node.position.map_id,
             )

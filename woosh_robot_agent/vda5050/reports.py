@@ -156,11 +156,11 @@ class Reports:
         self._header_ids = HeaderIds()
         self._mqtt: MqttConnection | None = None
         """The connection to the broker; None before it is made, and once it is closed."""
-        self._will = b""
+        self._will = Publication("", "")
         """The last will of the last attempt to connect; empty before the first."""
         self._will_id = -1
         """Header id of `_will`; -1 before the first attempt."""
-        self._own_connections: deque[bytes] = deque(maxlen=_MAX_OWN_CONNECTIONS)
+        self._own_connections: deque[str] = deque(maxlen=_MAX_OWN_CONNECTIONS)
         """The last `connection` messages, and the last will that was current for each of them."""
         self._state_id: int | None = None
         """Header id of the last state; None before the first state."""
@@ -200,15 +200,18 @@ class Reports:
         Its header id follows that of the first message of the connection, ONLINE.
         """
         self._skip_last_will()
-        self._will_id = self._header_ids.peek(Topic.CONNECTION.value) + 1
-        content = connection_message(self._version, ConnectionState.BROKEN)
-        will = self._message(Topic.CONNECTION, content, self._will_id)
-        self._will = will.payload.encode()
-        return will
+        will_id = self._header_ids.peek(Topic.CONNECTION.value) + 1
+        # the broker may publish the will of an attempt that failed, so it stays the same
+        if will_id != self._will_id:
+            content = connection_message(self._version, ConnectionState.BROKEN)
+            self._will = self._message(Topic.CONNECTION, content, will_id)
+            self._will_id = will_id
+        return self._will
 
     def is_own_connection(self, payload: bytes) -> bool:
         """Return True if a `connection` message is one of this connector."""
-        return payload == self._will or payload in self._own_connections
+        text = payload.decode(errors="replace")
+        return text == self._will.payload or text in self._own_connections
 
     async def close(self, timeout: float) -> None:
         """Publish OFFLINE as the last message.
@@ -267,7 +270,7 @@ class Reports:
             return
         publication = self._message(topic, content)
         if topic is Topic.CONNECTION:
-            self._own_connections += (self._will, publication.payload.encode())
+            self._own_connections += (self._will.payload, publication.payload)
         self._mqtt.publish(publication)
 
     def _message(

@@ -61,8 +61,8 @@ class Vehicle:
         """Identity of the robot; zeros until its first report."""
         self._session: Session | None = None
         """Connection to the broker; None until the first report of the robot."""
-        self._was_driving = False
-        """True if the robot drove at its last report of a pose."""
+        self._progress: object = None
+        """What may let the order or an action go on, at the last report of a pose."""
         self._is_updating = False
         """True while `_update` or `_restore` works; then `_update` and `_save` do nothing."""
         self._is_update_due = False
@@ -188,13 +188,14 @@ class Vehicle:
 
     def _moved(self) -> None:
         """Handle a new pose of the robot, which comes several times per second."""
-        order = self._execution.order
-        former_progress = order.progress
+        order, robot = self._execution.order, self._reported
         self._execution.update_position()
-        starts_or_stops = self._reported.is_driving != self._was_driving
-        if order.progress != former_progress or starts_or_stops:
-            self._was_driving = self._reported.is_driving
-            self._update()  # actions may wait for the standstill
+        map_id = None if robot.position is None else robot.position.map_id
+        # actions may wait for the standstill, and the order for the map
+        progress = (order.progress, robot.is_driving, map_id)
+        if progress != self._progress:
+            self._progress = progress
+            self._update()
         self._execution.speed.limit(order.speed_limit)
         self._link.conditions.check()
         self._reports.moved()

@@ -61,8 +61,11 @@ async def stop_pause(run: Run) -> None:
     execution, limit = run.execution, run.link.timing.pause_within
     if execution.pause_wanted:
         execution.set_pause_wanted(False)
-    elif execution.paused:  # by people at the robot
-        execution.drive.want(Control.RESUME)
+    elif execution.paused:  # by people at the robot, or the robot has refused to resume
+        if not execution.order.held:
+            execution.drive.want(Control.RESUME)
+        execution.calls.want(Control.RESUME)
+        execution.tasks.want(Control.RESUME)
     await run.wait(
         lambda: not execution.paused or execution.pause_wanted,
         limit,

@@ -78,8 +78,16 @@ class Run:
         return answer
 
     async def call(self, command: Message) -> str:
-        """Call an action of the robot (ROS action, e.g. StepControl); see `RobotCalls.perform`."""
-        return await self.execution.calls.perform(command, self.report)
+        """Call an action of the robot (ROS action, e.g. StepControl); see `RobotCalls.perform`.
+
+        First wait for the end of an action of the same kind that is being cancelled, e.g. because
+        the vehicle has left its edge.
+        """
+        calls = self.execution.calls
+        if calls.is_cancelling(command):
+            await self.link.conditions.wait(lambda: not calls.is_cancelling(command))
+            await self.wait_until_resumed()
+        return await calls.perform(command, self.report)
 
     async def wait(self, condition: Callable[[], bool], timeout: float, failure: str) -> None:
         """Wait until a condition of the vehicle holds.

@@ -42,6 +42,8 @@ _NO_CHARGER = Sentence(
 _NOT_ENDED = Sentence("vda.notEnded", "the robot refused to end its task: {reason}")
 _STILL_CHARGES = Sentence("vda.stillCharges", "the robot still charges after {seconds} s")
 _STATION = "stationName"
+_CANCEL_TIMEOUT = 5.0
+"""Maximum time from the cancel of a charging task until the robot stops charging, in seconds."""
 _CHARGE_TIMEOUT = 30.0
 """Maximum time until the robot reports that it does not charge any more, in seconds."""
 
@@ -99,7 +101,7 @@ async def _nearest_charger(run: Run) -> str:
     pausable=True,
 )
 async def stop_charging(run: Run) -> None:
-    """Cancel the charging task, or back out of the charger if the task has ended."""
+    """Cancel the charging task, and back out of the charger if the robot charges without it."""
     robot = run.execution.robot
     info = robot.info
     if info is None:
@@ -108,7 +110,10 @@ async def stop_charging(run: Run) -> None:
         answer = await run.link.command(ActionOrder(order=action_pb2.kCancel))
         if not answer.ok:
             raise ActionFailedError(_NOT_ENDED(reason=answer.reason))
-    elif robot.is_charging:
+        # a robot that has just confirmed the charge goes on charging after its task
+        await run.link.conditions.wait(lambda: not robot.is_charging, _CANCEL_TIMEOUT)
+        await run.wait_until_resumed()
+    if robot.is_charging:
         await run.call(ChargeControl(execute_mode=ChargeControl.kExit))
     await run.wait(
         lambda: not robot.is_charging,

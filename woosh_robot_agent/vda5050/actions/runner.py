@@ -84,6 +84,8 @@ class ActionRunner:
         """Actions that have not started, by id, in the order in which they must start."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Tasks of the actions that run, by id."""
+        self._ending: set[str] = set()
+        """Ids of the actions that are being ended."""
 
     def execute(self, command: Perform | EndAction) -> None:
         """Start an action as soon as its blocking type permits, or end it.
@@ -100,7 +102,9 @@ class ActionRunner:
                 self.poll()  # now: the next command may be the drive away from its node
         elif self._waiting.pop(action.id, None) is not None:
             self._execution.action_changed(action.id, ActionStatus.FAILED, _ENDED)
-        elif action.id in self._tasks:
+        elif action.id in self._tasks and action.id not in self._ending:
+            # once: a second cancellation would end the wait for the robot's end of the action
+            self._ending.add(action.id)
             self._tasks[action.id].cancel()
 
     def poll(self) -> None:
@@ -162,6 +166,7 @@ class ActionRunner:
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
         self._execution.active.pop(action.id, None)
         self._tasks.pop(action.id, None)
+        self._ending.discard(action.id)
         # when the connector ends, the robot goes on, and the action must not count as ended
         if not self._execution.link.is_closing:
             self._execution.action_changed(action.id, status, result)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -122,7 +122,7 @@ class InstantActions:
                 instant=True,
             )
             objection = find_objection(self._types, action, Scope.INSTANT)
-            if len(self.ids_in_state(ended=False)) > _MAX_STATES:
+            if self._is_too_many(action.type):
                 objection = Objection(_TOO_MANY(most=_MAX_STATES))
             if objection is not None:
                 self._refuse(action, objection, "see the factsheet for the actions of the vehicle")
@@ -179,6 +179,16 @@ class InstantActions:
         """Forget the actions that have ended, and all errors."""
         self._states = {key: state for key, state in self._states.items() if not state.status.ended}
         self.errors.clear()
+
+    def _is_too_many(self, action_type: str) -> bool:
+        """Return True if too many actions run, now that an action of this type is among them.
+
+        Pauses and cancellations have a count of their own, so that other actions do not keep a
+        pause from the vehicle.
+        """
+        stops = (START_PAUSE, STOP_PAUSE, CANCEL_ORDER)
+        running = (state.type in stops for state in self._states.values() if not state.status.ended)
+        return Counter(running)[action_type in stops] > _MAX_STATES
 
     def _start(self, action: Action, kind: ActionType) -> None:
         """Add the command to perform an action; hold the order if the action forbids driving."""

@@ -435,8 +435,7 @@ class OrderMachine:
         if last is not None and last.position is not None:
             if route.position is None or not may_drive:  # somebody may still move the vehicle
                 return False
-            is_there = route.stands_on(last) or route.was_not_moved()
-            if not is_there and self.error is None:
+            if not route.is_in_place and self.error is None:
                 self.error = self._fatal_error(
                     ErrorType.INTERRUPTED, _MOVED(node=last.id), ("nodeId", last.id)
                 )
@@ -486,7 +485,7 @@ class OrderMachine:
             self._start_actions()
             if self._actions.need_standstill():
                 return False
-        if route.reach_in_place(leg.nodes[0]):
+        if leg.edges[0].trajectory is None and route.reach_in_place(leg.nodes[0]):
             return True
         if (distance := route.distance_to_trajectory(leg)) > _MAX_APPROACH:
             self.error = self._fatal_error(

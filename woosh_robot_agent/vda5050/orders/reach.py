@@ -164,7 +164,8 @@ class Route:
                 leg.
             passes: True if passed nodes count as reached.
         """
-        last, self.position = self.position, position
+        last, was_in_place = self.position, self.is_in_place
+        self.position = position
         start = None if self._is_unconfirmed else last
         step = estimated_step = _distance(start, position)
         if step > _MAX_STEP:  # a jump, or `start` is unknown
@@ -181,10 +182,15 @@ class Route:
             self._move_start = start
         self._estimated_way += estimated_step
         self.driven = None if self.driven is None else self.driven + step
-        is_on_other_map = last is not None and last.map_id != position.map_id
         drives_leg = leg is not None and not self._is_unconfirmed
-        # `was_not_moved` cannot compare places on two maps, so a new map counts as driven to
-        if by_action or drives_leg or is_on_other_map:
+        # somebody may switch the map without moving the robot
+        is_same_place = (
+            was_in_place
+            and last is not None
+            and last.map_id != position.map_id
+            and math.dist(last.point, position.point) <= _TOLERANCE
+        )
+        if by_action or drives_leg or is_same_place:
             self._driven_to = position
         elif position != last:  # pushed by somebody, or its position was corrected
             self.must_check_place = True
@@ -288,8 +294,12 @@ class Route:
         if self.leg is not None and not self._is_unconfirmed:
             self._is_unconfirmed, self._position_at_loss = True, self.position
 
-    def was_not_moved(self) -> bool:
-        """Return True if the vehicle is still at the place to which it drove."""
+    @property
+    def is_in_place(self) -> bool:
+        """True if the vehicle stands on the last node, or is still where it drove by itself."""
+        last = self.last_node
+        if last is not None and self.stands_on(last):
+            return True
         return _distance(self._driven_to, self.position) <= _TOLERANCE
 
     def is_on_map_of(self, node: Node) -> bool:

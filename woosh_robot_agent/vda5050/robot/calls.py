@@ -71,10 +71,11 @@ class _Call:
     Attributes:
         accepted: True if the robot has accepted the start.
         reported: True if the robot has reported the action as executing or paused.
-        cannot_pause: True if the robot could not pause the action.
+        cannot_pause: True if the robot could not pause the action, which does not move the base.
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
         outcome_unknown: True if the robot does not tell how the action ended.
+        is_cancelled: True once it is being cancelled.
         result: text of the last report.
         controller: pauses, resumes and cancels the action.
     """
@@ -89,6 +90,7 @@ class _Call:
         self.reported = False
         self.cannot_pause = False
         self.outcome_unknown = False
+        self.is_cancelled = False
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.result = ""
 
@@ -127,11 +129,6 @@ class RobotCalls:
         link.chassis.on_state(self._link_changed)
 
     @property
-    def busy(self) -> bool:
-        """True while the robot executes an action."""
-        return bool(self._calls)
-
-    @property
     def moves_base(self) -> bool:
         """True while the robot executes an action that moves its base."""
         return not self._calls.keys().isdisjoint(_MOVES_BASE)
@@ -143,11 +140,21 @@ class RobotCalls:
             call.controller.stays_paused or call.cannot_pause for call in self._calls.values()
         )
 
+    @property
+    def any_paused(self) -> bool:
+        """True if an action is paused, by its last report."""
+        return any(call.controller.paused for call in self._calls.values())
+
     def want(self, control: Control) -> None:
         """Pause or resume all actions, as `Controller.want` does."""
         for call in self._calls.values():
             call.cannot_pause = False  # the robot may be able to now
             call.controller.want(control)
+
+    def is_cancelling(self, command: Message) -> bool:
+        """Return True while an action of the same kind is being cancelled."""
+        call = self._calls.get(full_name(command))
+        return call is not None and call.is_cancelled
 
     async def perform(self, command: Message, report: Callable[[ActionStatus], None]) -> str:
         """Execute an action, and return the text of its last report.
@@ -170,6 +177,7 @@ class RobotCalls:
             reason = await asyncio.shield(call.ended)
         except asyncio.CancelledError:
             if not self._link.is_closing:  # when the connector ends, the robot goes on
+                call.is_cancelled = True
                 call.controller.want(Control.CANCEL)
                 await asyncio.wait({call.ended})
             raise
@@ -253,7 +261,12 @@ class RobotCalls:
             self._link.changed()
 
     def _pause_failed(self, call: _Call) -> None:
-        """Take note that the robot cannot pause an action, so that no pause is sent again."""
+        """Take note that the robot cannot pause an action, so that no pause is sent again.
+
+        A pause of an action that moves the base is sent until the robot stands.
+        """
+        if full_name(call.command) in _MOVES_BASE:
+            return
         call.cannot_pause = True
         call.controller.withdraw_pause()
         self._link.changed()

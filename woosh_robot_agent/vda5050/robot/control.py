@@ -147,5 +147,9 @@ class Controller:
             if not answer.ok:
                 if control is Control.PAUSE:
                     self._is_pause_pending = False
+                elif control is Control.RESUME:
+                    self._resumed_at = -math.inf
+                    self.stays_paused = self.paused
+                    self._link.changed()
                 self._log.warn(command, f"the robot refused the {command}: {answer.reason}")
         self._answered(control, answer)

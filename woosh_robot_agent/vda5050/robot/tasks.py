@@ -364,6 +364,16 @@ class ActionTasks:
         return self._task.id
 
     @property
+    def confirmed(self) -> bool:
+        """True once the robot has reported on the task over the current link."""
+        return self._task.confirmed
+
+    @property
+    def paused(self) -> bool:
+        """True while the task that an action waits for is paused, by its last report."""
+        return self._end is not None and self._task.paused
+
+    @property
     def all_paused(self) -> bool:
         """True if no action waits for a task, or this task stays paused."""
         return self._end is None or self._task.stays_paused
