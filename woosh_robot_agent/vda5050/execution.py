@@ -196,7 +196,7 @@ class Execution:
         return not (self.order.acting or self.active)  # an action may set the position
 
     def errors(self) -> list[VehicleError]:
-        """Return the error of a lost link, and errors that tell why order or robot waits."""
+        """Return the error of a lost link, and errors that tell why the order or robot waits."""
         errors = []
         order = self.order.status
         if not self.link.ready:

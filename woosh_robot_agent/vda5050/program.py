@@ -154,7 +154,8 @@ def _make_parser() -> argparse.ArgumentParser:
         default=Limits.driving_state_interval,
         metavar="SECONDS",
         help="maximum time between two states while a robot moves, in seconds, for a master "
-        "control that does not read visualization; 0 publishes on events (default: %(default)g)",
+        f"control that does not read visualization; 0 for the usual {Limits.state_interval:g} s "
+        "(default: %(default)g)",
     )
     parser.add_argument(
         "--dashboard",
@@ -168,8 +169,8 @@ def _make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-maps-in-state",
         action="store_true",
-        help="omit the field maps from the state, which a master control of version 2.0, such as "
-        "openTCS, would refuse",
+        help="leave the field maps out of the state: a master control of version 2.0, such as "
+        "openTCS, would refuse it",
     )
     return parser
 

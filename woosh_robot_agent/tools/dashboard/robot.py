@@ -254,7 +254,8 @@ class Robot:
     def _sample(self) -> list[Any]:
         """Return Unix time in s, speed in m/s, battery in percent, delay in ms, and if it charges.
 
-        The speed is the greatest one since the last sample; a sample with a speed resets it.
+        All but the time may be None, for unknown. The speed is the greatest one since the
+        last sample; a sample with a speed resets it.
         """
         info, stats = self.view.info, self.chassis.stats
         moment = part_data.now() // 1000

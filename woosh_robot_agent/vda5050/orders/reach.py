@@ -316,7 +316,10 @@ class Route:
         return math.dist(curve_points(trajectory)[0], self.position.point)
 
     def _measure_from_here(self) -> None:
-        """Measure the driven distance from here, because the vehicle has reached a node."""
+        """Measure the driven distance from the current position, because `last_node` was set.
+
+        The robot need not confirm the drive any more, so `_is_unconfirmed` ends.
+        """
         self.driven, self._estimated_way, self._reached_at = 0.0, 0.0, self.position
         self._is_unconfirmed = False
 

@@ -9,7 +9,7 @@ import { View } from "./view.js";
 /** @typedef {import("../store.js").Point} Point */
 
 const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
-const OCCUPIED = 0.65; // darkness above which a pixel is a wall, as in nav2's map_server
+const OCCUPIED = 0.65; // darkness (0: white, 1: black) above which a pixel is a wall, as in nav2's map_server
 const FREE = 0.196; // darkness below which a pixel is floor
 const TRAIL_STEP = 0.05; // metres between two points of the trail
 const TRAIL_JUMP = 1; // metres between two poses beyond which a new trail begins
@@ -20,7 +20,7 @@ const HIT = 22; // pixels within which a press hits a mark or an obstacle
 const KEY_STEP = 60; // pixels by which an arrow key moves the map
 const SMALL_KEY_STEP = 5; // pixels by which it does so with Shift
 const SCALE_TEXT = 22; // pixels from the scale bar to the top of its text
-const SCALE_ROOM = 36; // pixels from the bottom to the top of this text
+const SCALE_ROOM = 36; // pixels from the bottom of the canvas to the top of this text
 export const ZOOM_STEP = 1.4; // factor of a button or key
 const COLOURS = [
   ...["accent", "edge", "faint", "ink", "laser", "map-floor", "map-unknown", "map-wall"],

@@ -7,10 +7,11 @@ const HEIGHT = 110; // pixels
 const INCREMENTS = [60, 300, 600]; // seconds between the times of the axis
 
 /**
- * @param {{name: string, unit: string, least: number, times: number[],
- *   values: (number | null)[]}} props  times: Unix time in s; least: lowest upper end of the axis
+ * @param {{name: string, unit: string, minTop: number, times: number[],
+ *   values: (number | null)[]}} props  times: Unix time in s; minTop: the y axis reaches at least up
+ *   to this value
  */
-export function Plot({ name, unit, least, times, values }) {
+export function Plot({ name, unit, minTop, times, values }) {
   const box = useRef(/** @type {HTMLElement | null} */ (null));
   const plot = useRef(/** @type {import("../vendor/uplot.js").default | null} */ (null));
   const data = useRef(/** @type {[number[], (number | null)[]]} */ ([times, values]));
@@ -26,7 +27,7 @@ export function Plot({ name, unit, least, times, values }) {
     import("../vendor/uplot.js").then(
       ({ default: UPlot }) => {
         if (unmounted) return;
-        plot.current = new UPlot(options(element, least, setPointed), data.current, element);
+        plot.current = new UPlot(options(element, minTop, setPointed), data.current, element);
         followFinger(plot.current.over);
         resizing.observe(element);
       },
@@ -67,11 +68,11 @@ function followFinger(over) {
 
 /**
  * @param {HTMLElement} element
- * @param {number} least
+ * @param {number} minTop  the y axis reaches at least up to this value
  * @param {(index: number | null) => void} onPoint called with the index of the sample at the pointer
  * @returns {import("../vendor/uplot.js").default.Options}
  */
-function options(element, least, onPoint) {
+function options(element, minTop, onPoint) {
   const colour = (/** @type {string} */ name) => () =>
     getComputedStyle(document.documentElement).getPropertyValue(`--${name}`);
   const axis = {
@@ -87,7 +88,9 @@ function options(element, least, onPoint) {
     legend: { show: false },
     cursor: { drag: { x: false, y: false }, sync: { key: "plots" } },
     hooks: { setCursor: [({ cursor }) => onPoint(cursor.idx ?? null)] },
-    scales: { y: { range: (_, low, high) => [Math.min(0, low ?? 0), Math.max(least, high ?? 0)] } },
+    scales: {
+      y: { range: (_, low, high) => [Math.min(0, low ?? 0), Math.max(minTop, high ?? 0)] },
+    },
     axes: [
       {
         ...axis,

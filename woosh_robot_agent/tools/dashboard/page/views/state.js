@@ -260,19 +260,19 @@ function Plots() {
   const known = samples.value;
   const times = known.map(([time]) => time);
   const plots = [
-    { name: t("plot.speed"), index: 1, unit: "m/s", least: 0.5 },
-    { name: t("plot.battery"), index: 2, unit: "%", least: 100 },
-    { name: t("plot.delay"), index: 3, unit: "ms", least: 20 },
+    { name: t("plot.speed"), index: 1, unit: "m/s", minTop: 0.5 },
+    { name: t("plot.battery"), index: 2, unit: "%", minTop: 100 },
+    { name: t("plot.delay"), index: 3, unit: "ms", minTop: 20 },
   ];
   return html`<section id="plots">
     <h2>${t("plot.title")}</h2>
     ${plots.map(
-      ({ name, index, unit, least }) =>
+      ({ name, index, unit, minTop }) =>
         html`<${Plot}
           key=${index}
           name=${name}
           unit=${unit}
-          least=${least}
+          minTop=${minTop}
           times=${times}
           values=${known.map((each) => each[index])}
         />`,
