@@ -125,6 +125,7 @@ def test_errors_name_the_place_and_what_is_allowed(text: str, said: str) -> None
         ("day: 2025-02-31", "box.yaml: not readable as YAML: day is out of range for month"),
         ("[" * 21 + "]" * 21, "box.yaml: nested more than 20 levels deep"),
         ("a: {b: 1, c: 2, b: 3}", "box.yaml: not readable as YAML: the key b is used twice in"),
+        ("1: a\n'1': b\n1: c", "box.yaml: not readable as YAML: the key 1 is used twice in"),
         ("a: &x {b: 1}\nc: {<<: *x}", "box.yaml: not readable as YAML: merge keys (<<) are not"),
         ("a" * 300_000, "box.yaml: the file has 300000 bytes, more than 262144"),
     ],

@@ -51,16 +51,17 @@ class _Loader(_SafeLoader):
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         keys = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        seen: set[str] = set()
+        seen: set[tuple[str, str]] = set()
         for key in keys:
-            problem = f"the key {key.value} is used twice" if key.value in seen else ""
+            used = (key.tag, key.value)
+            problem = f"the key {key.value} is used twice" if used in seen else ""
             if key.tag == "tag:yaml.org,2002:merge":
                 problem = "merge keys (<<) are not supported: repeat the merged keys instead"
             if problem:
                 raise yaml.constructor.ConstructorError(
                     problem=problem, problem_mark=key.start_mark
                 )
-            seen.add(key.value)
+            seen.add(used)
 
 
 def _check_size(name: str, data: bytes, max_bytes: int) -> None:

@@ -137,6 +137,14 @@ _TASK = Sentence("stop.task", "task")
 _LOG = logging.getLogger(__name__)
 
 _STOPPED = Sentence("gate.stopped", "cancelled by a stop of the robot")()
+_MAX_DELAY = 20.0
+"""Maximum time that a command is expected to be on its way, in seconds. One that seems to be older
+comes from a computer whose clock differs."""
+_BEFORE_STOP = Sentence(
+    "gate.beforeStop",
+    "it was sent before the last stop of the robot: send it again, and if this repeats, "
+    "synchronise the clocks of the two computers",
+)()
 _CLOSING = Sentence("gate.closing", "the agent is stopping")()
 _STALLED = Sentence(
     "gate.stalled",
@@ -413,9 +421,10 @@ class MotionGate:
         if now < self._forbidden_until:  # rules 4 and 5
             return NOT_SENT(reason=self._forbidden)
         # rule 4, also while the stop waits for its turn
-        is_from_before = published is not None and published < self._stop_called
-        if is_from_before or now < self._stop_called + self.timing.hold:
+        if now < self._stop_called + self.timing.hold:
             return NOT_SENT(reason=_STOPPED)
+        if published is not None and 0.0 < self._stop_called - published < _MAX_DELAY:
+            return NOT_SENT(reason=_BEFORE_STOP)
         self._stalls.check()  # a stall may have ended just now, before the next heartbeat
         if published is not None and self._stalls.is_from_before(published):  # rule 8
             return NOT_SENT(reason=_STALLED(seconds=f"{self._stalls.duration:.1f}"))

@@ -9,7 +9,7 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, NotConnectedError
+from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState, NotConnectedError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.wheel_owner import EXECUTING
@@ -125,13 +125,25 @@ class SpeedLimiter:
     async def _ask_actions(self) -> None:
         """Ask for the state of the actions, which the first RobotInfo does not have."""
         try:
-            answer = await self._chassis.request(Feedbacks())
+            await self._chassis.request(Feedbacks(), tap=self._take_actions)
         except LinkError as error:
             _LOG.debug("cannot ask for the state of the actions: %s", error)
-            self._is_action_unknown = True
-            return
+            if self._chassis.state is LinkState.READY:
+                self._assume_action()
+            else:
+                self._is_action_unknown = True
+
+    def _take_actions(self, answer: Answer) -> None:
         if answer.ok and isinstance(answer.body, Feedbacks):
             self._actions_reported(answer.body)
+        else:
+            self._assume_action()
+
+    def _assume_action(self) -> None:
+        """Assume that the action still navigates, as it did before the link was lost."""
+        self._action_navigates = True
+        self._begin()
+        self._send()
 
     def _task_reported(self, report: TaskProc) -> None:
         if report.robot_task_id != self._task_id:

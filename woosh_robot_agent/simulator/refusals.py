@@ -198,7 +198,7 @@ MAPPING_OUTSIDE_DEPLOYMENT = Refusal(
 SAVE_OUTSIDE_DEPLOYMENT = Refusal(
     MAPPING_OUTSIDE_DEPLOYMENT.explanation, code=codes.SAVING_FORBIDDEN
 )
-# `phase` is the value of a `behaviour.mapping.Phase`, e.g. "is being saved".
+# `phase` is the value of a `behaviour.mapping.Phase`, e.g. "is running".
 MAPPING_RUNS = Refusal("mapping of {map} {phase}: save or cancel it first")
 # while the mapping is being started, saved or cancelled
 MAPPING_CHANGES = Refusal("mapping of {map} {phase}: wait for the answer to BuildMap first")

@@ -49,6 +49,7 @@ _LINK_LOST = Sentence(
 _BECAUSE = Sentence("vda.because", "{text}: {reason}")
 _OBSTACLE = Sentence("vda.obstacle", "an obstacle blocks the way of the robot")
 _WAITS = Sentence("vda.waits", "the order waits, because {cause}")
+_NO_PLACE = Sentence("vda.noPlace", "the robot reports no position on a map")
 _CHARGES = Sentence("vda.charges", "the robot executes its charging task")
 _MODE = Sentence("vda.mode", "the operating mode is {mode}")
 _LOST = Sentence("vda.lost", "the robot does not know its position any more")
@@ -234,6 +235,14 @@ class Execution:
                     ErrorType.ROBOT_BUSY,
                     _WAITS(cause=_CHARGES()),
                     "end it with stopCharging, or wait for its end",
+                )
+            )
+        elif self.order.busy and self.link.ready and self.robot.position is None:
+            errors.append(
+                warning(
+                    ErrorType.NOT_AVAILABLE,
+                    _WAITS(cause=_NO_PLACE()),
+                    "place it on the map with initPosition, or cancel the order",
                 )
             )
         return errors

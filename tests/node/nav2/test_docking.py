@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from std_srvs.srv import Trigger
 
 from tests.harness import Client, Logs, fill, wait_until
 from tests.node.goals import EXECUTING, slow_down
@@ -131,6 +132,21 @@ def test_docking_that_something_stops_is_cancelled_once(
     simulator.wait_received("woosh.robot.ActionOrder")
     goal.feedback.wait_count(len(goal.feedback.messages) + 5)
     assert simulator.counts["woosh.robot.ActionOrder"] == 1
+
+
+def test_docking_that_a_stop_did_not_end_is_cancelled_when_something_stops_the_robot(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    slow_down(simulator)
+    goal = Nav2Client(client, "dock_robot")
+    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot drives")
+    refusal = simulator.inject("refuse", type="woosh.robot.ActionOrder")
+    assert client.call(Trigger, "stop").success  # its zero only pauses the task
+    refusal.clear()
+    simulator.set_emergency_stop(True)
+    goal.wait_aborted("cancelled by the service stop")
+    simulator.set_emergency_stop(False)
+    wait_until(lambda: not simulator.call(lambda sim: sim.chassis.tasks.active), "the task ends")
 
 
 def test_a_robot_that_charges_is_docked(

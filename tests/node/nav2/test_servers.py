@@ -240,11 +240,22 @@ class TestSpeedLimit:
         wait_until(lambda: self.sent(simulator, ChangeNavMode) == [0.5], "the limit is sent")
         running.cancel()
 
-    @pytest.mark.parametrize("kind", [ChangeNavMode, CallAction], ids=["task", "action"])
+    @pytest.mark.parametrize(
+        ("kind", "refused"),
+        [(ChangeNavMode, ""), (CallAction, ""), (CallAction, "woosh.ros.Feedbacks")],
+        ids=["task", "action", "action of which the robot tells nothing"],
+    )
     def test_one_that_comes_without_a_link_is_sent_when_the_link_is_back(
-        self, robot: Robot, simulator: SimulatorThread, limit: Callable[..., None], kind: type[Any]
+        self,
+        robot: Robot,
+        simulator: SimulatorThread,
+        limit: Callable[..., None],
+        kind: type[Any],
+        refused: str,
     ) -> None:
         slow_down(simulator)
+        if refused:
+            simulator.inject("refuse", type=refused)
         if kind is CallAction:
             go(robot, 5.0)
         else:

@@ -150,6 +150,8 @@ def test_the_path_begins_at_the_robot_even_where_it_crosses_itself(
         for driven, seen, whole in browser.script(f"{_DRIVEN}({loop}, 259, {gap})"):
             assert seen == pytest.approx(driven, abs=0.3)
             assert whole == pytest.approx(26.0)
+    back = "store.restOfPath([[0, 0], [10, 0]], {x: 3, y: 0}, 8).along"  # somebody drove it back
+    assert browser.script(back) == pytest.approx(3.0)
     begin = browser.script("store.pose.value")
     browser.click_at(*_PLACE)
     go(browser)

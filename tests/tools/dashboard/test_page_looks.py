@@ -503,7 +503,7 @@ def test_a_robot_without_a_map_looks_as_stored(
     window.set_media(**{"prefers-color-scheme": "light"})
     url = open_without_map(serve, window)
     assert "There is no map" in window.script("document.querySelector('#panel').innerText")
-    assert "Choose another map." in window.script("document.querySelector('#notice').textContent")
+    assert "choose another map." in window.script("document.querySelector('#notice').textContent")
     check_picture(window, "nomap", tmp_path)
     window.press("#notice .actions button")
     assert "Maps on the robot" in window.text("#panel")

@@ -25,7 +25,8 @@ from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 _NEAR = 1.0
 """Maximum distance between `dock_pose`, or a robot that charges, and its charger, in metres."""
 _DOCKED = 0.3
-"""Maximum distance between a docked robot and its charger, in metres. Outside, it is farther."""
+"""Maximum distance between a docked robot and its charger, in metres. A robot that has backed
+out is farther away."""
 
 
 class _Phase(NamedTuple):
@@ -100,6 +101,7 @@ class DockRobot(_Docking):
         goal.set_timeout(seconds, GoalEnd(late, "FAILED_TO_STAGE"))
         phase = action.kNav
         is_paused = False
+        is_given_up = False
 
         def on_report(report: Message) -> None:
             nonlocal phase, is_paused
@@ -112,9 +114,11 @@ class DockRobot(_Docking):
                     goal.clear_timeout()
 
         def tick() -> None:
+            nonlocal is_given_up
             reasons = self.context.objections_except_busy
-            if is_paused and reasons and not goal.is_ending:
+            if is_paused and reasons and not is_given_up:
                 # the task could stay paused for ever, or the robot could later drive on by itself
+                is_given_up = True  # also if the goal is ending: a stop may not have cancelled it
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback
             state = getattr(feedback, _PHASES[phase].state)

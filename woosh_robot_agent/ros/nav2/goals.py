@@ -2,7 +2,8 @@
 
 A Nav2 goal is a coroutine in the link thread. If something other than the chassis ends it, e.g. a
 cancel of its client, a newer goal or a timeout, the reason is a `GoalEnd`. The chassis's goal is
-cancelled first. When that has ended, the `GoalEnd` is raised in the coroutine.
+cancelled first, here or by the service `stop`. When that has ended, the `GoalEnd` is raised in the
+coroutine, or a `FailedCommand` if the cancel had no effect.
 """
 
 from __future__ import annotations

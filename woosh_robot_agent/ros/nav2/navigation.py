@@ -332,7 +332,7 @@ class FollowWaypoints(_Navigation):
                 tick=lambda: goal.feedback(current_waypoint=number),
             )
         except FailedCommand as failure:
-            if not _says_unreachable(failure):
+            if goal.is_ending or not _says_unreachable(failure):
                 raise
             _LOG.warning("%s: waypoint %d is missed: %s", self.name, number, failure)
             goal.result.missed_waypoints.append(_missed(goal.result, number, pose, str(failure)))

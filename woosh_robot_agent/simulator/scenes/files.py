@@ -65,10 +65,14 @@ def read_robot_folder(folder: Path) -> dict[str, bytes]:
     """
     maps = map_names(_read_file(folder / SCENE_INDEX))
     files: dict[str, bytes] = {}
-    for file in sorted(folder.rglob("*")):
+    try:
+        found = [each for each in sorted(folder.rglob("*")) if each.is_file()]
+    except OSError as error:
+        raise DataFileError(f"{folder}: {error.strerror}") from error
+    for file in found:
         name = file.relative_to(folder)
         added = name.parts[0] in _ADDED_FOLDERS and name.parts[0] not in maps
-        if file.is_file() and not added and not name.parts[0].startswith("."):
+        if not added and not name.parts[0].startswith("."):
             # `maps download` percent-encodes names that would not be valid paths.
             files[unquote(name.as_posix())] = _read_file(file)
     return files

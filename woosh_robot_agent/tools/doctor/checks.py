@@ -155,7 +155,7 @@ def _report(config: LinkConfig) -> str:
 
 
 async def _receive_answer(transport: Transport, codec: Codec, unusable: list[str]) -> Envelope:
-    """Return the answer; add the description of each frame before it that is none."""
+    """Return the answer; describe each unreadable frame and each other answer in `unusable`."""
     while True:
         try:
             envelope = codec.decode(await transport.recv())

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from google.protobuf.message import Message
@@ -297,6 +298,7 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     """
     with _writing(folder):  # before the survey, which would be lost otherwise
         folder.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
     stop = stop_event()
     running_survey = _Survey(config)
     began = time.monotonic()

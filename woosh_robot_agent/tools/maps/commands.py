@@ -269,8 +269,8 @@ async def _upload_marks(library: MapLibrary, scene: str, map_name: str, file: Pa
     old = next((each.mark_info for each in data.maps if each.name == map_name), None)
     if old is None:
         raise MapsError(
-            f"scene {scene} was uploaded, but has no map {map_name}: remove {file}, which is none "
-            "of its files of marks"
+            f"scene {scene} was uploaded, but has no map {map_name}: remove {file}, which belongs "
+            "to no map of this scene"
         )
     new = read_marks(file, old)
     if new is old:

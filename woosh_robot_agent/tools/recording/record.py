@@ -154,7 +154,8 @@ def _mebibytes(text: str) -> int:
 class PassiveClient:
     """A client that subscribes to all pushes and sends each query once per connection.
 
-    It discards everything that it receives, because the proxy records the frames.
+    A query during which several connections were lost is not sent again. The client discards
+    everything that it receives, because the proxy records the frames.
 
     Args:
         config: address of the proxy.
@@ -173,7 +174,7 @@ class PassiveClient:
         self._chassis.on_state(self._on_state)
         self._queries: asyncio.Task[None] | None = None
         self._losses: Counter[str] = Counter()
-        """Number of connections that were lost during a query, by its type."""
+        """Number of connections lost during a query since its last answer, by its type."""
 
     def start(self) -> None:
         """Connect, and reconnect whenever the connection is lost."""
@@ -214,7 +215,9 @@ class PassiveClient:
                 _LOG.info("query %s failed: %s", name, error)
                 if isinstance(error, ConnectionLostError):
                     return
-            self._losses[name] -= 1
+                self._losses[name] -= 1
+            else:
+                self._losses[name] = 0
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:

@@ -43,7 +43,7 @@ _NOT_ENDED = Sentence("vda.notEnded", "the robot refused to end its task: {reaso
 _STILL_CHARGES = Sentence("vda.stillCharges", "the robot still charges after {seconds} s")
 _STATION = "stationName"
 _CANCEL_TIMEOUT = 5.0
-"""Maximum time from the cancel of a charging task until the robot stops charging, in seconds."""
+"""Time to wait after the cancel of a charging task before the robot is backed out, in seconds."""
 _CHARGE_TIMEOUT = 30.0
 """Maximum time until the robot reports that it does not charge any more, in seconds."""
 
@@ -112,6 +112,7 @@ async def stop_charging(run: Run) -> None:
             raise ActionFailedError(_NOT_ENDED(reason=answer.reason))
         # a robot that has just confirmed the charge goes on charging after its task
         await run.link.conditions.wait(lambda: not robot.is_charging, _CANCEL_TIMEOUT)
+        await run.link.conditions.wait(lambda: run.link.ready, _CHARGE_TIMEOUT)
         await run.wait_until_resumed()
     if robot.is_charging:
         await run.call(ChargeControl(execute_mode=ChargeControl.kExit))

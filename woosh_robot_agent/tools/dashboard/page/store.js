@@ -143,7 +143,7 @@ export const TASK_COMMANDS = ["go", "goMark", "charge"];
 const SLOW = 1 / 3; // share of the limits to which a slow stick drives
 const LOST = ["lost", "not_initialised"]; // objections of a robot that does not know where it is
 const AHEAD = 1; // metres of a path beyond the former place on it in which the robot is searched first
-const BESIDE = 0.5; // metres beside the path beyond which the robot is searched on all of the rest
+const BESIDE = 0.5; // metres beside the path beyond which the robot is searched on the whole path
 const AT_GOAL = 2; // metres that the path may end before a goal at which the robot docks
 const DEAD_ZONE = 0.12; // fraction of the stick's radius within which it does not drive
 /** @type {Record<string, [number, number]>} directions of the stick, right and up, by the code of the key */
@@ -303,22 +303,23 @@ export const running = computed(() => tasks.value.find((each) => each.running));
 
 /**
  * Return the rest of a path from the point nearest to a place: its points, its length, and how far
- * along the path it begins, in metres. The path may cross itself, so search ahead of the former place.
+ * along the path it begins, in metres. The path may cross itself, so search ahead of the former place
+ * first.
  * @param {number[][]} whole
  * @param {Point} place
  * @param {number} from how far along the path the former place was, in metres
  */
 export function restOfPath(whole, { x, y }, from) {
-  /** @param {number} until */
-  const search = (until) => {
+  /** @param {number} begin @param {number} until */
+  const search = (begin, until) => {
     let best = { away: Infinity, along: 0, index: 0, point: whole[0] };
     let along = 0;
     for (let index = 1; index < whole.length; index++) {
       const [[x1, y1], [x2, y2]] = [whole[index - 1], whole[index]];
       const length = Math.hypot(x2 - x1, y2 - y1);
-      if (length && along + length >= from && along <= until) {
+      if (length && along + length >= begin && along <= until) {
         const nearest = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length;
-        const step = Math.min(length, until - along, Math.max(0, from - along, nearest));
+        const step = Math.min(length, until - along, Math.max(0, begin - along, nearest));
         const point = [x1 + ((x2 - x1) * step) / length, y1 + ((y2 - y1) * step) / length];
         const away = Math.hypot(point[0] - x, point[1] - y);
         if (away < best.away) best = { away, along: along + step, index, point };
@@ -327,8 +328,8 @@ export function restOfPath(whole, { x, y }, from) {
     }
     return { ...best, length: along - best.along };
   };
-  const near = search(from + AHEAD);
-  const { along, length, index, point } = near.away < BESIDE ? near : search(Infinity);
+  const near = search(from, from + AHEAD);
+  const { along, length, index, point } = near.away < BESIDE ? near : search(0, Infinity);
   return { points: [point, ...whole.slice(index)], length, along };
 }
 

@@ -279,8 +279,9 @@ function Notices() {
 }
 
 /**
- * Tell the map which margins the notices cover, or would cover, and on a small screen the panel. There, pad the panel by the height that the notices cover of it; its content stays where it
- * is on the screen.
+ * Tell the map which margins the notices cover, or would cover, and on a small screen the panel.
+ * There, pad the panel by the height that the notices cover of it; its content stays where it is on
+ * the screen.
  */
 function updateCovered() {
   const canvas = map?.canvas.getBoundingClientRect();

@@ -24,7 +24,6 @@ import { notices, otherProblems, wrongCount } from "./stage.js";
 const MAX_SAMPLES = 900; // as many as the dashboard keeps
 const GAP = 10; // seconds between two samples beyond which samples are missing
 const TREND_TIME = 300; // seconds that the samples must span for a trend of the battery
-
 const UNSTEADY = 2; // factor between two paces of the battery beyond which its time left is not known
 
 const samples = signal(/** @type {Sample[]} */ ([]));
