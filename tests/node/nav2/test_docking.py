@@ -6,7 +6,7 @@ import pytest
 from std_srvs.srv import Trigger
 
 from tests.harness import Client, Logs, fill, wait_until
-from tests.node.goals import EXECUTING, slow_down
+from tests.node.goals import ACTION_ORDER, EXECUTING, slow_down
 from tests.node.nav2.goals import (
     CANCELED,
     PREVENTIONS,
@@ -22,6 +22,7 @@ from woosh_robot_agent.pb.util.task_pb2 import kCharge, kPaused
 from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.action import ExecTask as ExecTaskAction
+from woosh_robot_msgs.srv import Twist
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
 pytestmark = [
@@ -42,6 +43,14 @@ def chargers(simulator: SimulatorThread) -> list[tuple[str, float, float]]:
         for number, mark in marks.items()
         if "charg" in str(mark.kind).lower()
     ]
+
+
+def docking(client: Client, simulator: SimulatorThread) -> Nav2Client:
+    """Start docking in real time, and wait until the robot drives."""
+    slow_down(simulator)
+    goal = Nav2Client(client, "dock_robot")
+    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot drives")
+    return goal
 
 
 def test_the_robot_docks_and_undocks(client: Client, simulator: SimulatorThread) -> None:
@@ -110,37 +119,38 @@ def test_docking_ends_when_something_stops_the_robot(
     client: Client, simulator: SimulatorThread, prevention: str
 ) -> None:
     prevent, permit = PREVENTIONS[prevention]
-    slow_down(simulator)
-    goal = Nav2Client(client, "dock_robot")
-    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot drives")
+    goal = docking(client, simulator)
     prevent(simulator)
     assert not goal.wait_aborted(prevention).success
     permit(simulator)
     wait_until(lambda: not simulator.call(lambda sim: sim.chassis.tasks.active), "the task ends")
 
 
+@pytest.mark.parametrize("cancelled", [False, True], ids=["", "after a cancel of the client"])
 def test_docking_that_something_stops_is_cancelled_once(
-    client: Client, simulator: SimulatorThread
+    client: Client, simulator: SimulatorThread, cancelled: bool
 ) -> None:
     """A cancel names no task, so a further one could end another task."""
-    slow_down(simulator)
-    goal = Nav2Client(client, "dock_robot")
-    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot drives")
+    goal = docking(client, simulator)
     # the end of the task is not reported
     simulator.intercept(lambda out: [out] if getattr(out.body, "state", kPaused) == kPaused else [])
+    if cancelled:
+        assert client.call(Twist, "robot/Twist").ok  # a zero, which pauses the task
+        wait_until(lambda: simulator.state.info.task_proc.state == kPaused, "the pause")
+        goal.cancel()
+    else:
+        simulator.set_emergency_stop(True)
+    simulator.wait_received(ACTION_ORDER)
     simulator.set_emergency_stop(True)
-    simulator.wait_received("woosh.robot.ActionOrder")
     goal.feedback.wait_count(len(goal.feedback.messages) + 5)
-    assert simulator.counts["woosh.robot.ActionOrder"] == 1
+    assert simulator.counts[ACTION_ORDER] == 1
 
 
 def test_docking_that_a_stop_did_not_end_is_cancelled_when_something_stops_the_robot(
     client: Client, simulator: SimulatorThread
 ) -> None:
-    slow_down(simulator)
-    goal = Nav2Client(client, "dock_robot")
-    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot drives")
-    refusal = simulator.inject("refuse", type="woosh.robot.ActionOrder")
+    goal = docking(client, simulator)
+    refusal = simulator.inject("refuse", type=ACTION_ORDER)
     assert client.call(Trigger, "stop").success  # its zero only pauses the task
     refusal.clear()
     simulator.set_emergency_stop(True)

@@ -101,7 +101,6 @@ class DockRobot(_Docking):
         goal.set_timeout(seconds, GoalEnd(late, "FAILED_TO_STAGE"))
         phase = action.kNav
         is_paused = False
-        is_given_up = False
 
         def on_report(report: Message) -> None:
             nonlocal phase, is_paused
@@ -114,11 +113,10 @@ class DockRobot(_Docking):
                     goal.clear_timeout()
 
         def tick() -> None:
-            nonlocal is_given_up
             reasons = self.context.objections_except_busy
-            if is_paused and reasons and not is_given_up:
+            # also if the service `stop` ends the goal: it may only have paused the task
+            if is_paused and reasons and not goal.is_cancelled:
                 # the task could stay paused for ever, or the robot could later drive on by itself
-                is_given_up = True  # also if the goal is ending: a stop may not have cancelled it
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
             feedback = self.action_type.Feedback
             state = getattr(feedback, _PHASES[phase].state)

@@ -159,6 +159,7 @@ class Nav2Goal:
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
         started: loop time at which the goal was accepted.
+        is_cancelled: True once `stop` has cancelled the chassis's goal, or would have.
     """
 
     def __init__(self, goal: Goal, nav2_action: Nav2Action) -> None:
@@ -169,6 +170,7 @@ class Nav2Goal:
         self.result = nav2_action.action_type.Result()
         self.ended: asyncio.Future[None] = loop.create_future()
         self.started = loop.time()
+        self.is_cancelled = False
         self._goal = goal
         self._feedback_class = nav2_action.action_type.Feedback
         self._context = nav2_action.context
@@ -211,6 +213,7 @@ class Nav2Goal:
     def stop(self, reason: GoalEnd) -> None:
         """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
         self.send_no_more(reason)
+        self.is_cancelled = True
         if self._chassis_goal is not None:
             self._chassis_goal.cancel()
 

@@ -208,14 +208,14 @@ class PassiveClient:
             name = full_name(request)
             if self._losses[name] >= _MAX_LOSSES:  # perhaps it makes the robot end the connection
                 continue
-            self._losses[name] += 1
+            self._losses[name] += 1  # before the answer: a lost connection may cancel this task
             try:
                 await self._chassis.request(request)
             except LinkError as error:
                 _LOG.info("query %s failed: %s", name, error)
                 if isinstance(error, ConnectionLostError):
                     return
-                self._losses[name] -= 1
+                self._losses[name] -= 1  # the connection was not lost
             else:
                 self._losses[name] = 0
 

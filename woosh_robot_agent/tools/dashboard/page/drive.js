@@ -6,17 +6,17 @@ import * as store from "./store.js";
 import { remember, remembered } from "./texts.js";
 
 const PERIOD = 50; // milliseconds between two velocities
-const SLOW = "woosh.slow"; // in the storage of the browser
+const STORAGE_KEY = "woosh.slow"; // in the storage of the browser
 
 let press = 0; // number of the current or last press
 let timer = 0; // of the velocities; 0 while nothing is held
-store.slow.value = remembered(SLOW) === "true";
+store.slow.value = remembered(STORAGE_KEY) === "true";
 
 /** Drive slowly, or no longer. Only the next press does so: a held stick gets no faster. */
 export function toggleSlow() {
   store.letGo();
   store.slow.value = !store.slow.value;
-  remember(SLOW, String(store.slow.value));
+  remember(STORAGE_KEY, String(store.slow.value));
 }
 
 effect(() => {

@@ -9,7 +9,7 @@ import { View } from "./view.js";
 /** @typedef {import("../store.js").Point} Point */
 
 const MAX_RECOLOURED = 16e6; // pixels; larger maps keep their shades
-const OCCUPIED = 0.65; // darkness (0: white, 1: black) above which a pixel is a wall, as in nav2's map_server
+const OCCUPIED = 0.65; // darkness, from 0 to 1, above which a pixel is a wall, as in nav2's map_server
 const FREE = 0.196; // darkness below which a pixel is floor
 const TRAIL_STEP = 0.05; // metres between two points of the trail
 const TRAIL_JUMP = 1; // metres between two poses beyond which a new trail begins
