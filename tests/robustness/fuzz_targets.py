@@ -438,7 +438,7 @@ class RawBytes(_Simulator):
         shake = self._HANDSHAKE
         if rng.random() < 0.4:
             for _ in range(rng.choice((1, 2, 5))):
-                shake = rng.choice(_DAMAGES)(rng, shake)
+                shake = rng.choice(_DAMAGES)(rng, shake)[:_MAX_HANDSHAKE]
             return False, shake
         if rng.random() < 0.2:
             return False, inputs.blob(rng)
@@ -464,6 +464,10 @@ class RawBytes(_Simulator):
             while await reader.read(65536):
                 pass
         writer.transport.abort()
+
+
+_MAX_HANDSHAKE = 100_000
+"""Maximum size of a damaged handshake, in bytes, as repeated damages multiply its line ends."""
 
 
 def _flipped(rng: random.Random, data: bytes) -> bytes:
