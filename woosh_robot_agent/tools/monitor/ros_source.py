@@ -123,7 +123,8 @@ class RosSource:
         self._agent_name = ""
         """Name of the agent's node, with its namespace; empty without an agent."""
         self._first_answer_at = self._last_answer_at = 0.0
-        """Times of the first and last answer to `_parameters_call`, by `time.monotonic`; 0 before."""
+        """Times of the first and last answer to `_parameters_call`, in `time.monotonic` seconds; 0
+        before."""
         self._address = ""
         """Address of the agent's robot, with its transport; empty if unknown."""
         self._doctor_command = "doctor"
