@@ -39,12 +39,12 @@ _LOG = logging.getLogger(__name__)
 _THINNED = (PoseSpeed, ScannerData)
 """Types whose views are limited in rate, because an eye cannot follow them at the highest rates.
 
-They must not contain maps or metadata: only the views of a message that waits are written.
+These types have no maps or metadata: of a message whose view is delayed, only the view is written.
 """
 _VIEW_PERIOD = 20_000_000
 """Minimum time between two views of a type in `_THINNED`, in ns."""
 _MAX_MAPS = 100
-"""Maximum number of maps that every file contains, and of maps that wait to be prepared."""
+"""Maximum number of maps that are repeated in each file, and of maps that wait to be prepared."""
 
 
 @dataclass
@@ -52,8 +52,8 @@ class _Thinned:
     """State of a type in `_THINNED`.
 
     Attributes:
-        shown_at: time of the last view, in ns.
-        waiting: the newest message since `shown_at`, which has no view yet.
+        shown_at: time of the last view, as Unix time in ns; 0 before the first.
+        waiting: the newest message that has no view yet; None if the last message has one.
     """
 
     shown_at: int = 0
@@ -63,20 +63,23 @@ class _Thinned:
 class RecordingWriter:
     """Writes a recording: frames, connection events, decoded messages, and views.
 
-    A view is a message for display in Foxglove. A crash loses what was written since the last
-    `flush`. A file error ends the recording but is not raised, because `RecordingProxy` must keep
-    forwarding.
+    A view is a message for display in Foxglove. A crash loses at most what was written since the
+    last `flush`. A file error ends the recording but is not raised, because `RecordingProxy` must
+    keep forwarding.
 
     Args:
-        path: path of the new file; it must not exist.
+        path: path of the new file, which must not exist; see `RecordingFiles` for a split
+            recording.
         address: address of the chassis, for the metadata.
         limits: limits of size and duration.
-        on_early_end: called once with the reason if the recording ends before `close`.
+        on_early_end: called once with the reason if the recording ends before `close`, or if
+            `close` fails.
 
     Attributes:
-        connections: number of connections between a client and the chassis.
+        connections: number of connections between a client and the chassis so far.
         answered: True once the chassis has sent a frame.
-        refusal: why the chassis could not be reached the last time; empty if it always could.
+        refusal: why the chassis could not be reached the last time that it could not; empty if
+            that has not happened.
 
     Raises:
         OSError: the file cannot be created.
@@ -96,11 +99,11 @@ class RecordingWriter:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="maps")
         self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
         self._preparing: list[Future[PreparedMap | None]] = []
-        """Maps that are prepared in the thread `_worker`; None for an unusable one."""
+        """Maps that are prepared in the thread `_worker`; the result of an unusable one is None."""
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
-        """The last map with each name, which every new file begins with."""
+        """The last map with each name; each new file begins with all of them."""
         self._states: dict[str, View] = {}
-        """The last view of each state, which every new file begins with."""
+        """The last view with each `View.state`; each new file begins with all of them."""
         self._robot: dict[str, str] = {}
         """The robot's number, model and software, as metadata; empty if unknown."""
         self._start = time.time_ns()
@@ -108,6 +111,7 @@ class RecordingWriter:
         """Unix time at zero of the monotonic clock, in ns."""
         self._metadata = {"version": VERSION, "address": address, "started": str(self._start)}
         self._file_count = 0
+        # the last attribute, because it calls `_begin_file`, which uses the others
         self._files = RecordingFiles(path, limits, self._begin_file, on_early_end)
 
     @property
@@ -147,16 +151,16 @@ class RecordingWriter:
 
         Args:
             connection: number of the connection.
-            sender: side that sent the frame.
+            sender: side that sent the frame: the client or the chassis.
             data: payload of the frame.
-            text: True for a text frame.
+            text: True for a text frame, whose payload should be UTF-8.
             received: time at which the frame passed, by `now`; None if it has just passed.
         """
         self._seen += 1
         self.answered |= sender == "chassis"
         if not self._files.is_open:
             return
-        frame: str | bytes | None = data
+        frame: str | bytes | None = data  # None for a text frame that is not UTF-8
         message = FrameMessage(connection=connection, sender=sender)
         if not text:
             message.binary = data
@@ -178,7 +182,7 @@ class RecordingWriter:
     def add_event(
         self, connection: int, kind: EventKind, by: Side, text: str = "", at: int | None = None
     ) -> None:
-        """Write an event that happened at the time `at`, by `now`; by default at this moment."""
+        """Write an event; `at` is its time, by `now`, or None if it has just happened."""
         self.connections += kind == "open"
         if kind == "refused":
             self.refusal = text
@@ -193,20 +197,28 @@ class RecordingWriter:
             self._files.flush()
 
     def close(self) -> None:
-        """Complete and close the current file."""
+        """Wait for the maps that are being prepared, and complete and close the current file."""
         self._worker.shutdown()
         self._add_waiting_views()
         self._add_maps()
         self._files.close()
 
     def discard(self) -> None:
-        """Close and delete the file."""
+        """Close and delete all files."""
         self.close()
         for path in self.paths:
             path.unlink()
 
     def _guard(self, what: str, work: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function; log an error, because a bug in it must not cut the connection."""
+        """Return the result of `work`, or None after an error, which is only logged.
+
+        A bug in it must not cut the connection between the client and the chassis.
+
+        Args:
+            what: verb for the log: what the function does with a frame.
+            work: the function.
+            arguments: its arguments.
+        """
         try:
             return work(*arguments)
         except Exception as error:
@@ -218,7 +230,7 @@ class RecordingWriter:
         thinned = self._thinned.get(type(message))
         if thinned is not None:
             if now - thinned.shown_at < _VIEW_PERIOD:
-                thinned.waiting = message  # it has only views: see _THINNED
+                thinned.waiting = message
                 return
             thinned.shown_at, thinned.waiting = now, None
         self._add_views_of(message, now)
@@ -227,7 +239,7 @@ class RecordingWriter:
                 self._log.warn("maps", f"map {found.area.name} is left out: too many at a time")
             else:
                 self._preparing.append(self._worker.submit(prepare_map, found, now))
-        # spelled so in the protobuf
+        # spelled so in the robot's messages
         general = message.genral if isinstance(message, RobotInfo) else message
         if isinstance(general, General):
             self._set_robot(general)
@@ -242,7 +254,7 @@ class RecordingWriter:
         self._files.add(view.channel, now, view.message.SerializeToString())
 
     def _add_waiting_views(self) -> None:
-        """Write the views of the messages that wait because of `_VIEW_PERIOD`."""
+        """Write the views that `_add_views` has delayed."""
         now = self.now()
         for thinned in self._thinned.values():
             message, thinned.waiting = thinned.waiting, None
@@ -268,6 +280,7 @@ class RecordingWriter:
                 self._add_view(prepared.view, now)
 
     def _set_robot(self, general: General) -> None:
+        """Write the robot's number, model and software, if they have changed."""
         robot = {
             "serial_number": str(general.serial_number),
             "model": general.display_model or general.urdf_name,
@@ -279,7 +292,7 @@ class RecordingWriter:
             self._files.add_metadata(ROBOT_METADATA, robot)
 
     def _begin_file(self, file: McapFile) -> None:
-        """Write metadata, maps and last views to the start of a file."""
+        """Write metadata, maps and states to the start of a new file."""
         file.add_metadata(METADATA, self._metadata | {"part": str(self._file_count)})
         self._file_count += 1
         if self._robot:
