@@ -161,9 +161,9 @@ class McapFile:
 
 def _definition_size(channel: Channel) -> int:
     """Return the maximum size of the records that define a channel and its schema, in bytes."""
-    metadata = sum(len(name) + len(value) for name, value in channel.metadata.items())
-    names = 2 * len(channel.topic) + 2 * len(channel.schema_name)
-    return len(channel.schema) + names + 4 * metadata + 2 * _RECORD_OVERHEAD
+    texts = (channel.topic, channel.schema_name, *channel.metadata, *channel.metadata.values())
+    # a character has at most 4 bytes in UTF-8
+    return len(channel.schema) + 4 * sum(map(len, texts)) + 2 * _RECORD_OVERHEAD
 
 
 _NANOSECONDS = 1_000_000_000
