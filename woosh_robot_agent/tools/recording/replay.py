@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: arguments of the program; by default from the command line.
 
     Returns:
-        The exit status: 0, or 1 if the file cannot be read or a port is in use.
+        The exit status: 0, or 1 if a file cannot be used or the program cannot listen.
     """
     parser = make_parser()
     options = parser.parse_args(arguments)
@@ -113,6 +113,7 @@ def _print_summary(path: Path, playback: Playback, recording: Recording) -> None
 
 
 async def _run(playback: Playback, options: argparse.Namespace) -> int:
+    """Play until a signal; return the exit status."""
     stop = stop_event()
     warn_if_not_local(options.host, "can read what was recorded")
     chassis = ReplayedChassis(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -43,7 +44,7 @@ _SUBSCRIPTION_TYPES = (SUBSCRIPTION_TYPE, full_name(Subscription))
 
 
 def is_subscription(envelope: Envelope) -> bool:
-    """Return True if a client's frame changes its subscriptions."""
+    """Return True if a client's frame is a request to change its subscriptions."""
     return envelope.type in _SUBSCRIPTION_TYPES
 
 
@@ -63,7 +64,7 @@ def apply_subscription(topics: set[str], envelope: Envelope, frame: str | bytes)
 COMMAND_TYPES = frozenset(
     {command.request for command in COMMANDS if not command.reads} | {full_name(CallAction)}
 ) - {full_name(Twist)}
-"""Types of the requests that the playback waits for.
+"""Types of the commands for which the playback can wait.
 
 Excluded are reads, which cause no pushes, and velocities, of which there are too many.
 """
@@ -74,7 +75,7 @@ class StepKind(Enum):
 
     Attributes:
         OPEN: a client connected.
-        SUBSCRIBED: the client made its first subscription.
+        SUBSCRIBED: the client, which had no subscriptions, subscribed.
         COMMAND: the client sent a command.
         PUSH: the chassis sent a push.
         LOST: the connection was lost.
@@ -96,9 +97,9 @@ class Step:
     Attributes:
         t: time in the recording, in seconds.
         kind: kind of the step.
-        frame: recorded frame of a push or a command.
-        type: message type of the frame; empty if the frame is invalid.
-        subscribed: True for a push of a subscribed type; other pushes go to all clients.
+        frame: recorded frame of a push or a command; empty for another kind of step.
+        type: message type of the frame; empty if the frame is invalid, or there is none.
+        subscribed: True for a push of a subscribed type. Other pushes go to all clients.
     """
 
     t: float
@@ -111,11 +112,11 @@ class Step:
 def make_timeline(decoded: Iterable[DecodedRecord], connections: set[int]) -> Iterator[Step]:
     """Yield the steps of some connections, which must not overlap in time.
 
-    A connection that the client closed counts as lost only if the client connected again.
-    Otherwise the client was simply stopped.
+    A connection that the chassis closed counts as lost. One that the client closed counts as lost
+    only if a client connected again: otherwise the client was simply stopped.
     """
-    topics: set[str] = set()
-    loss: Step | None = None
+    topics: set[str] = set()  # the subscribed types
+    loss: Step | None = None  # a close by the client that may count as lost
     for record, envelope in decoded:
         if record.connection not in connections:
             continue
@@ -125,11 +126,10 @@ def make_timeline(decoded: Iterable[DecodedRecord], connections: set[int]) -> It
                     yield loss
                 loss, topics = None, set()
                 yield Step(record.t, StepKind.OPEN)
-            elif record.kind == "close" and record.by != "recorder":
+            elif record.kind == "close" and record.by == "chassis":
+                yield Step(record.t, StepKind.LOST)
+            elif record.kind == "close" and record.by == "client":
                 loss = Step(record.t, StepKind.LOST)
-                if record.by == "chassis":
-                    yield loss
-                    loss = None
         elif record.sender == "client":
             if envelope is not None:
                 yield from _client_steps(record, envelope, topics)
@@ -151,7 +151,7 @@ def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterat
 
 
 def until_ends(decoded: Iterable[DecodedRecord]) -> Iterator[DecodedRecord]:
-    """Yield the records of each connection up to its end; what follows reached nobody."""
+    """Yield the records of each connection up to its end; what came later reached nobody."""
     ended: set[int] = set()
     for each in decoded:
         if each.record.connection not in ended:
@@ -162,16 +162,16 @@ def until_ends(decoded: Iterable[DecodedRecord]) -> Iterator[DecodedRecord]:
 
 def main_connections(records: Iterable[Record]) -> set[int]:
     """Return connections that do not overlap in time, preferring those with most chassis frames."""
-    frames: dict[int, int] = {}
+    frames: Counter[int] = Counter()
     begin: dict[int, float] = {}
     end: dict[int, float] = {}
     for record in records:
         begin.setdefault(record.connection, record.t)
         end[record.connection] = record.t
         if isinstance(record, Frame) and record.sender == "chassis":
-            frames[record.connection] = frames.get(record.connection, 0) + 1
+            frames[record.connection] += 1
     chosen: set[int] = set()
-    for number in sorted(frames, key=lambda number: -frames[number]):
+    for number, _ in frames.most_common():
         if all(end[number] <= begin[other] or end[other] <= begin[number] for other in chosen):
             chosen.add(number)
     return chosen
@@ -188,7 +188,7 @@ class Exchange:
     Attributes:
         t: time of the request in the recording, in seconds.
         answer: frame of the answer; None if there was none.
-        delay: time from the request to the answer, in seconds.
+        delay: time from the request to the answer, in seconds; 0 if there was none.
     """
 
     t: float
@@ -203,7 +203,7 @@ class RecordedAnswers:
     request, only the type has to match. When all answers have been given, the last one is repeated.
 
     Args:
-        decoded: the records.
+        decoded: the records of all connections.
 
     Attributes:
         unmatched: number of answers without a request, which are left out.
@@ -212,9 +212,9 @@ class RecordedAnswers:
     def __init__(self, decoded: Iterable[DecodedRecord]) -> None:
         self.unmatched = 0
         self._recorded: dict[_Key, list[Exchange]] = {}
-        self._given: dict[_Key, int] = {}
+        self._given: Counter[_Key] = Counter()
         """Number of answers given, by key."""
-        pending: dict[tuple[int, int], Exchange] = {}
+        pending: dict[tuple[int, int], Exchange] = {}  # by connection and serial number
         for record, envelope in decoded:
             if envelope is None or not envelope.sn or not isinstance(record, Frame):
                 continue
@@ -237,9 +237,9 @@ class RecordedAnswers:
         """Return the next exchange for a request; None if no request of its type was recorded."""
         for key in _keys(envelope, frame):
             if recorded := self._recorded.get(key):
-                index = self._given.get(key, 0)
-                self._given[key] = index + 1
-                return recorded[min(index, len(recorded) - 1)]
+                index = min(self._given[key], len(recorded) - 1)
+                self._given[key] += 1
+                return recorded[index]
         return None
 
     def rewind(self) -> None:
@@ -272,7 +272,7 @@ class Playback:
     Attributes:
         steps: the timeline.
         answers: the answers to requests.
-        duration: time from the first to the last record, in seconds.
+        duration: time from the first to the last record, in seconds; 0 if there are none.
     """
 
     steps: list[Step]
