@@ -1,4 +1,4 @@
-"""Make the messages that Foxglove shows: decoded messages, views and maps.
+"""Make what Foxglove shows of the chassis's frames: decoded messages, views and maps.
 
 A view is a message with a Foxglove schema, e.g. the laser scan or the path.
 """
@@ -61,18 +61,19 @@ from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_cha
 
 _LOG = logging.getLogger(__name__)
 _ANSWERS = {command.request: command.answer for command in COMMANDS if command.two_types}
-"""Type of the answer by type of the request, for answers that may name the request's type."""
+"""Type of the answer by type of the request, for answers whose frame may name the latter."""
 _MAX_TIMESTAMP = 2**63 // 1_000_000
-"""Timestamp from which no valid time is possible, in ms."""
+"""Timestamp from which a time is invalid, in ms: viewers cannot represent it in ns."""
 
 
 class DecodedFrame(NamedTuple):
     """The message in a frame.
 
     Attributes:
-        channel: channel of the message's type and direction.
+        channel: channel for this type of message from this side.
         message: the message.
-        sent: time of sending by the sender's clock, in ns; None if the frame does not give it.
+        sent: time of sending by the sender's clock, as Unix time in ns; None if the frame has no
+            valid time.
     """
 
     channel: Channel
@@ -85,17 +86,12 @@ class MessageDecoder:
 
     def __init__(self) -> None:
         self._channels: dict[tuple[Side, str], tuple[Any, Channel]] = {}
-        """Class and channel by sender and type."""
+        """Class and channel of the messages, by sender and protobuf full name."""
 
     def decode(self, sender: Side, frame: str | bytes) -> DecodedFrame | None:
-        """Return the message in a frame.
+        """Return the message in a frame that `sender` has sent.
 
-        Args:
-            sender: side that sent the frame.
-            frame: the frame.
-
-        Returns:
-            The message; None if the frame is invalid, of an unknown type, or refuses a request.
+        None if the frame is invalid, of an unknown type, or refuses a request.
         """
         codec = server_codec(frame)
         try:
@@ -128,6 +124,7 @@ class MessageDecoder:
 
 
 def _sent_at(envelope: Envelope) -> int | None:
+    """Return `DecodedFrame.sent`."""
     timestamp = envelope.timestamp
     if timestamp is None or not 0 < timestamp < _MAX_TIMESTAMP:
         return None
@@ -135,9 +132,9 @@ def _sent_at(envelope: Envelope) -> int | None:
 
 
 MAP_FRAME = "map"
-"""Frame of poses, paths and maps."""
+"""Coordinate frame of poses, paths and maps."""
 ROBOT_FRAME = "base_link"
-"""Frame of the robot."""
+"""Coordinate frame of the robot."""
 _POSE = protobuf_channel("/view/pose", PoseInFrame)
 _TRANSFORM = protobuf_channel("/view/tf", FrameTransform)
 _PATH = protobuf_channel("/view/path", PosesInFrame)
@@ -160,8 +157,8 @@ class View(NamedTuple):
     Attributes:
         channel: channel of the message.
         message: the message.
-        state: key of a view that stays valid until the next view with this key. It is repeated at
-            the start of each file of a split recording; empty if it is not repeated.
+        state: key of a view that stays valid until the next view with this key. Such a view is
+            repeated at the start of each file of a split recording. Empty for any other view.
     """
 
     channel: Channel
@@ -170,25 +167,20 @@ class View(NamedTuple):
 
 
 def views_of(message: Message, time: int) -> Iterator[View]:
-    """Yield the views of a message of the chassis.
-
-    Args:
-        message: the message.
-        time: time of recording, in ns.
-    """
+    """Yield the views of a message of the chassis; `time` is that of recording, in ns."""
     make = _VIEWS.get(type(message))
     if make is not None:
         yield from make(message, timestamp(time))
 
 
 def timestamp(time: int) -> Timestamp:
-    """Return a time in ns as a message."""
+    """Return a Unix time in ns as a message."""
     seconds, nanos = divmod(time, 1_000_000_000)
     return Timestamp(seconds=seconds, nanos=nanos)
 
 
 def pose(x: float, y: float, theta: float, z: float = 0.0) -> Pose:
-    """Return a pose in the plane as a message."""
+    """Return a pose in m and rad as a message; a `theta` that is not finite counts as 0."""
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=_rotation(theta))
 
 
@@ -304,10 +296,7 @@ _GRID = protobuf_channel("/view/map", Grid)
 _COLOURS = ("red", "green", "blue", "alpha")
 """Fields of a cell: with these names, viewers show the colours without configuration."""
 _MAX_CELLS = 9_000_000
-"""Size of a map above which it gets no view but is only attached, in cells.
-
-Compressing it would block the proxy for too long.
-"""
+"""Size of a map above which it gets no view, in cells: compressing it would delay the recording."""
 
 
 class FoundMap(NamedTuple):
@@ -316,7 +305,8 @@ class FoundMap(NamedTuple):
     Attributes:
         area: the map.
         is_saved: False for a map that the robot is making.
-        is_current: True for the map that the robot uses, or is making.
+        is_current: True for the map that the robot uses or is making. While it is unknown which one
+            it uses, True for the only map of a scene.
     """
 
     area: SceneData.Map
@@ -329,7 +319,7 @@ class PreparedMap(NamedTuple):
 
     Attributes:
         name: name of the map.
-        files: contents of the files for map_server, by name.
+        files: contents of the files for map_server, by name; empty if the map is not saved yet.
         view: view of the map; None if it is not the current one, or too large.
     """
 
@@ -348,7 +338,7 @@ class MapFinder:
 
     def __init__(self) -> None:
         self._current = Scene()
-        """The current scene and map, as far as they are known."""
+        """The current scene and map; empty if unknown."""
 
     def maps_in(self, message: Message) -> Iterator[FoundMap]:
         """Yield the maps in a message; remember which map is the current one."""
@@ -369,10 +359,7 @@ class MapFinder:
                     yield FoundMap(area, is_saved=True, is_current=area is current)
 
     def _current_map(self, data: SceneData) -> SceneData.Map | None:
-        """Return the current map, or the only map while the current one is unknown.
-
-        None if the scene has no such map.
-        """
+        """Return the current map if the scene has it; the only map while that is unknown."""
         current = self._current
         if not current.scene_name:
             return data.maps[0] if len(data.maps) == 1 else None
@@ -391,7 +378,7 @@ def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
 
     Args:
         found: the map.
-        time: time of recording, in ns.
+        time: time of recording, as Unix time in ns.
     """
     area = found.area
     try:
