@@ -24,7 +24,6 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.tools.recording.timeline import (
     Playback,
     Step,
-    StepKind,
     apply_subscription,
     is_subscription,
 )
@@ -176,7 +175,7 @@ class ReplayedChassis:
                     resumed_at, recorded_at = self._base
                     due = resumed_at + (step.t - recorded_at) / self._speed
                     await asyncio.sleep(max(0.0, due - loop.time()))
-                if step.kind is StepKind.COMMAND:
+                if step.kind == "command":
                     recorded[step.type] += 1
                     if self._wait_for_commands:
                         await self._wait_for_command(step, recorded[step.type])
@@ -192,15 +191,15 @@ class ReplayedChassis:
 
     async def _carry_out(self, step: Step) -> None:
         """Carry out one step that is not a command."""
-        if step.kind is StepKind.PUSH:
+        if step.kind == "push":
             self._push(step)
-        elif step.kind is StepKind.OPEN:
+        elif step.kind == "open":
             await self._listen()
-        elif step.kind is StepKind.LOST:
+        elif step.kind == "lost":
             _LOG.info("%.3f s: dropping the connection, as recorded", step.t)
             await self._wait_until_received()
             await self._go_offline()
-        elif step.kind is StepKind.SUBSCRIBED:
+        elif step.kind == "subscribed":
             await self._wait_for_client(subscribed=True)
             self._resume_at(step)
 

@@ -11,8 +11,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from enum import Enum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from woosh_robot_agent.endpoints import COMMANDS
 from woosh_robot_agent.link.codecs import server_codec
@@ -70,24 +69,16 @@ Excluded are reads, which cause no pushes, and velocities, of which there are to
 """
 
 
-class StepKind(Enum):
-    """Kind of a step.
+StepKind = Literal["open", "subscribed", "command", "push", "lost", "end"]
+"""What happened in a step.
 
-    Attributes:
-        OPEN: a client connected.
-        SUBSCRIBED: the client, which had no subscriptions, subscribed.
-        COMMAND: the client sent a command.
-        PUSH: the chassis sent a push.
-        LOST: the connection was lost.
-        END: the recording ended.
-    """
-
-    OPEN = "open"
-    SUBSCRIBED = "subscribed"
-    COMMAND = "command"
-    PUSH = "push"
-    LOST = "lost"
-    END = "end"
+- `open`: a client connected.
+- `subscribed`: the client, which had no subscriptions, subscribed.
+- `command`: the client sent a command.
+- `push`: the chassis sent a push.
+- `lost`: the connection was lost.
+- `end`: the recording ended.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,17 +116,17 @@ def make_timeline(decoded: Iterable[DecodedRecord], connections: set[int]) -> It
                 if loss is not None:
                     yield loss
                 loss, topics = None, set()
-                yield Step(record.t, StepKind.OPEN)
+                yield Step(record.t, "open")
             elif record.kind == "close" and record.by == "chassis":
-                yield Step(record.t, StepKind.LOST)
+                yield Step(record.t, "lost")
             elif record.kind == "close" and record.by == "client":
-                loss = Step(record.t, StepKind.LOST)
+                loss = Step(record.t, "lost")
         elif record.sender == "client":
             if envelope is not None:
                 yield from _client_steps(record, envelope, topics)
         elif envelope is None or not envelope.sn:
             name = "" if envelope is None else envelope.type
-            yield Step(record.t, StepKind.PUSH, record.data, name, name in topics)
+            yield Step(record.t, "push", record.data, name, name in topics)
 
 
 def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterator[Step]:
@@ -145,9 +136,9 @@ def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterat
         with contextlib.suppress(FrameError):  # the chassis could not read it, either
             apply_subscription(topics, envelope, record.data)
         if had_none and topics:
-            yield Step(record.t, StepKind.SUBSCRIBED)
+            yield Step(record.t, "subscribed")
     elif envelope.type in COMMAND_TYPES:
-        yield Step(record.t, StepKind.COMMAND, record.data, envelope.type)
+        yield Step(record.t, "command", record.data, envelope.type)
 
 
 def until_ends(decoded: Iterable[DecodedRecord]) -> Iterator[DecodedRecord]:
@@ -289,5 +280,5 @@ def prepare(recording: Recording) -> Playback:
     steps = list(make_timeline(reached, main_connections(each.record for each in reached)))
     if not records:
         return Playback(steps, answers, 0.0)
-    steps.append(Step(records[-1].t, StepKind.END))
+    steps.append(Step(records[-1].t, "end"))
     return Playback(steps, answers, records[-1].t - records[0].t)
