@@ -166,9 +166,6 @@ def _definition_size(channel: Channel) -> int:
     return len(channel.schema) + 4 * sum(map(len, texts)) + 2 * _RECORD_OVERHEAD
 
 
-_NANOSECONDS = 1_000_000_000
-
-
 @dataclass(frozen=True)
 class Limits:
     """Limits of a recording. It is split into several files if one of the last two is set.
@@ -230,7 +227,7 @@ class RecordingFiles:
         """Log time of the first message of `add` in the current file, in ns; None without one."""
         self._begin_size = 0
         """Upper bound of the size of the current file right after `on_new_file`, in bytes."""
-        self._split_after = limits.split_duration * _NANOSECONDS or math.inf
+        self._split_after = limits.split_duration * 1e9 or math.inf
         """Duration after which the next file begins, in ns; infinite without a limit."""
         self._file: McapFile | None = None
         """The current file; None after the end of the recording."""

@@ -9,6 +9,7 @@ import logging
 import math
 import re
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any, NamedTuple
 
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -48,6 +49,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     Scene,
 )
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.robot.last_known import parts_of
 from woosh_robot_agent.robot.maps import (
     MapError,
     check_resolution_and_origin,
@@ -81,46 +83,41 @@ class DecodedFrame(NamedTuple):
     sent: int | None
 
 
-class MessageDecoder:
-    """Decodes frames."""
+def decode_message(sender: Side, frame: str | bytes) -> DecodedFrame | None:
+    """Return the message in a frame that `sender` has sent.
 
-    def __init__(self) -> None:
-        self._channels: dict[tuple[Side, str], tuple[Any, Channel]] = {}
-        """Class and channel of the messages, by sender and protobuf full name."""
-
-    def decode(self, sender: Side, frame: str | bytes) -> DecodedFrame | None:
-        """Return the message in a frame that `sender` has sent.
-
-        None if the frame is invalid, of an unknown type, or refuses a request.
-        """
-        codec = server_codec(frame)
-        try:
-            envelope = codec.decode(frame)
-            if envelope.ok is False:
-                return None
-            found = self._class_and_channel(sender, envelope)
-            if found is None:
-                return None
-            cls, channel = found
-            return DecodedFrame(channel, codec.body(envelope, cls), _sent_at(envelope))
-        except FrameError:
+    None if the frame is invalid, of an unknown type, or refuses a request.
+    """
+    codec = server_codec(frame)
+    try:
+        envelope = codec.decode(frame)
+        if envelope.ok is False:
             return None
+        name = _type_of(sender, envelope)
+        cls = message_types().get(name)
+        if cls is None:
+            return None
+        return DecodedFrame(
+            _channel(sender, name), codec.body(envelope, cls), _sent_at(envelope)
+        )
+    except FrameError:
+        return None
 
-    def _class_and_channel(self, sender: Side, envelope: Envelope) -> tuple[Any, Channel] | None:
-        """Return class and channel of the message in a frame; None for an unknown type."""
-        name = envelope.type
-        if name == SUBSCRIPTION_TYPE:
-            name = full_name(Subscription)
-        elif sender == "chassis" and envelope.ok is not None:  # an answer
-            name = _ANSWERS.get(name, name)
-        key = sender, name
-        if key not in self._channels:
-            cls = message_types().get(name)
-            if cls is None:  # not stored: a hostile robot could send any number of unknown types
-                return None
-            topic = f"/{sender}/{name.removeprefix('woosh.').replace('.', '/')}"
-            self._channels[key] = cls, protobuf_channel(topic, cls)
-        return self._channels[key]
+
+def _type_of(sender: Side, envelope: Envelope) -> str:
+    """Return the protobuf full name of the message in a frame."""
+    if envelope.type == SUBSCRIPTION_TYPE:
+        return full_name(Subscription)
+    if sender == "chassis" and envelope.ok is not None:  # an answer
+        return _ANSWERS.get(envelope.type, envelope.type)
+    return envelope.type
+
+
+@cache
+def _channel(sender: Side, name: str) -> Channel:
+    """Return the channel for a known type of message from one side."""
+    topic = f"/{sender}/{name.removeprefix('woosh.').replace('.', '/')}"
+    return protobuf_channel(topic, message_types()[name])
 
 
 def _sent_at(envelope: Envelope) -> int | None:
@@ -168,9 +165,10 @@ class View(NamedTuple):
 
 def views_of(message: Message, time: int) -> Iterator[View]:
     """Yield the views of a message of the chassis; `time` is that of recording, in ns."""
-    make = _VIEWS.get(type(message))
-    if make is not None:
-        yield from make(message, timestamp(time))
+    for part in parts_of(message) if isinstance(message, RobotInfo) else [message]:
+        make = _VIEWS.get(type(part))
+        if make is not None:
+            yield from make(part, timestamp(time))
 
 
 def timestamp(time: int) -> Timestamp:
@@ -181,21 +179,17 @@ def timestamp(time: int) -> Timestamp:
 
 def pose(x: float, y: float, theta: float, z: float = 0.0) -> Pose:
     """Return a pose in m and rad as a message; a `theta` that is not finite counts as 0."""
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=_rotation(theta))
-
-
-def _rotation(theta: float) -> Quaternion:
     if not math.isfinite(theta):
         theta = 0.0
-    return Quaternion(z=math.sin(theta / 2), w=math.cos(theta / 2))
+    rotation = Quaternion(z=math.sin(theta / 2), w=math.cos(theta / 2))
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=rotation)
 
 
 def _pose_speed(report: PoseSpeed, time: Timestamp) -> Iterator[View]:
     at = report.pose
     if not all(map(math.isfinite, (at.x, at.y, at.theta))):
         return
-    position, rotation = Vector3(x=at.x, y=at.y), _rotation(at.theta)
-    shown = Pose(position=position, orientation=rotation)
+    shown = pose(at.x, at.y, at.theta)
     yield View(_POSE, PoseInFrame(timestamp=time, frame_id=MAP_FRAME, pose=shown), "pose")
     yield View(
         _TRANSFORM,
@@ -203,8 +197,8 @@ def _pose_speed(report: PoseSpeed, time: Timestamp) -> Iterator[View]:
             timestamp=time,
             parent_frame_id=MAP_FRAME,
             child_frame_id=ROBOT_FRAME,
-            translation=position,
-            rotation=rotation,
+            translation=shown.position,
+            rotation=shown.orientation,
         ),
         "transform",
     )
@@ -275,18 +269,11 @@ def _status_code(report: StatusCode, time: Timestamp) -> Iterator[View]:
     )
 
 
-def _robot_info(report: RobotInfo, time: Timestamp) -> Iterator[View]:
-    for name, make in (("pose_speed", _pose_speed), ("battery", _battery), ("model", _outline)):
-        if report.HasField(name):
-            yield from make(getattr(report, name), time)
-
-
 _VIEWS: dict[type[Message], Callable[[Any, Timestamp], Iterator[View]]] = {
     Battery: _battery,
     Model: _outline,
     NavPath: _path,
     PoseSpeed: _pose_speed,
-    RobotInfo: _robot_info,
     ScannerData: _scan,
     StatusCode: _status_code,
 }

@@ -28,9 +28,9 @@ from woosh_robot_agent.tools.recording.layout import (
 )
 from woosh_robot_agent.tools.recording.views import (
     MapFinder,
-    MessageDecoder,
     PreparedMap,
     View,
+    decode_message,
     prepare_map,
     views_of,
 )
@@ -94,7 +94,6 @@ class RecordingWriter:
         self._seen = 0
         """Number of frames passed to `add_frame`."""
         self._log = LogOnce(_LOG)
-        self._decoder = MessageDecoder()
         self._finder = MapFinder()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="maps")
         self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
@@ -172,7 +171,7 @@ class RecordingWriter:
         now = self.now() if received is None else received
         decoded = None
         if frame is not None:
-            decoded = self._guard("decode", self._decoder.decode, sender, frame)
+            decoded = self._guard("decode", decode_message, sender, frame)
         sent = None if decoded is None else decoded.sent
         if self._files.add(FRAMES, now, message.SerializeToString(), sent) and decoded is not None:
             self._files.add(decoded.channel, now, decoded.message.SerializeToString(), sent)
