@@ -12,6 +12,7 @@ from woosh_robot_agent.link.codecs import JSON, server_codec
 from woosh_robot_agent.link.config import MIB
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.server import (
     ConnectedClient,
     Listener,
@@ -129,8 +130,7 @@ class ReplayedChassis:
         """The clients, each with the encoding of its last frame; JSON before the first."""
         self._commands: Counter[str] = Counter()
         """Number of requests received in this round, by type."""
-        self._unknown: set[str] = set()
-        """Types that were requested but not recorded."""
+        self._log = LogOnce(_LOG)
         self._changed = asyncio.Event()
         """Set when a client connects or sends a frame."""
         self._base: tuple[float, float] | None = None
@@ -313,10 +313,8 @@ class ReplayedChassis:
         exchange = self._playback.answers.take(envelope, data)
         if exchange is None:
             text = f"the recording has no request of type {envelope.type}"
-            if envelope.type not in self._unknown:
-                self._unknown.add(envelope.type)
-                types = ", ".join(self._playback.answers.types) or "none"
-                _LOG.warning("request refused: %s; recorded types: %s", text, types)
+            types = ", ".join(self._playback.answers.types) or "none"
+            self._log.warn(envelope.type, f"request refused: {text}; recorded types: {types}")
             client.send(codec.encode("error", None, sn=envelope.sn, ok=False, msg=text))
         elif exchange.answer is None:
             _LOG.info("no answer to %s, as recorded at %.3f s", envelope.type, exchange.t)
