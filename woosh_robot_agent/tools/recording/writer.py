@@ -6,7 +6,6 @@ import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -47,19 +46,6 @@ _MAX_MAPS = 100
 """Maximum number of maps that are repeated in each file, and of maps that wait to be prepared."""
 
 
-@dataclass
-class _Thinned:
-    """State of a type in `_THINNED`.
-
-    Attributes:
-        shown_at: time of the last view, as Unix time in ns; 0 before the first.
-        waiting: the newest message that has no view yet; None if the last message has one.
-    """
-
-    shown_at: int = 0
-    waiting: Message | None = None
-
-
 class RecordingWriter:
     """Writes a recording: frames, connection events, decoded messages, and views.
 
@@ -96,7 +82,10 @@ class RecordingWriter:
         self._log = LogOnce(_LOG)
         self._finder = MapFinder()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="maps")
-        self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
+        self._shown_at: dict[type[Message], int] = dict.fromkeys(_THINNED, 0)
+        """Time of the last view of each type in `_THINNED`, in ns; 0 before the first."""
+        self._waiting: dict[type[Message], Message] = {}
+        """The newest message of each of these types whose newest message has no view yet."""
         self._preparing: list[Future[PreparedMap | None]] = []
         """Maps that are prepared in the thread `_worker`; the result of an unusable one is None."""
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
@@ -226,12 +215,13 @@ class RecordingWriter:
 
     def _add_views(self, message: Message, now: int) -> None:
         """Write the views, maps and metadata of a message of the chassis; `now` is in ns."""
-        thinned = self._thinned.get(type(message))
-        if thinned is not None:
-            if now - thinned.shown_at < _VIEW_PERIOD:
-                thinned.waiting = message
+        cls = type(message)
+        if cls in _THINNED:
+            if now - self._shown_at[cls] < _VIEW_PERIOD:
+                self._waiting[cls] = message
                 return
-            thinned.shown_at, thinned.waiting = now, None
+            self._shown_at[cls] = now
+            self._waiting.pop(cls, None)
         self._add_views_of(message, now)
         for found in self._finder.maps_in(message):
             if len(self._preparing) >= _MAX_MAPS:
@@ -255,11 +245,10 @@ class RecordingWriter:
     def _add_waiting_views(self) -> None:
         """Write the views that `_add_views` has delayed."""
         now = self.now()
-        for thinned in self._thinned.values():
-            message, thinned.waiting = thinned.waiting, None
-            if message is not None:
-                thinned.shown_at = now
-                self._guard("view", self._add_views_of, message, now)
+        waiting, self._waiting = self._waiting, {}
+        for cls, message in waiting.items():
+            self._shown_at[cls] = now
+            self._guard("view", self._add_views_of, message, now)
 
     def _add_maps(self) -> None:
         """Write the maps that have been prepared."""
