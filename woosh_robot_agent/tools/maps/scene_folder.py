@@ -418,7 +418,7 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _is_own(path: str) -> bool:
-    """Return True for a file that did not come from the robot: one of this program, or hidden."""
+    """Return True for a file that is not the robot's: of this program, or hidden at the top."""
     return path.startswith((f"{_NAV2}/", f"{_MARKS_FOLDER}/", "."))
 
 
