@@ -154,7 +154,7 @@ def _address(text: str) -> Address:
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """Parse `HOST:PORT`, `[IPV6]:PORT` or `PORT`, which means this machine only.
+    """Parse `HOST:PORT`, `[IPV6]:PORT` or `PORT`, which stands for `127.0.0.1:PORT`.
 
     Raises:
         argparse.ArgumentTypeError: the text has another form.

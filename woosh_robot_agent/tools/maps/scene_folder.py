@@ -370,10 +370,11 @@ def write_scene(
             ("the keep-out mask of map", keepout_files, f"{stem}_keepout"),
         ):
             try:
-                for file, content in make_files(area, name).items():
-                    contents[f"{_NAV2}/{file}"] = content
+                made = make_files(area, name)
             except MapError as error:  # the robot's own files are saved nevertheless
                 warnings.append(f"{what} {area.name} is not saved for nav2: {error}")
+                continue
+            contents |= {f"{_NAV2}/{file}": content for file, content in made.items()}
         found = _marks_in_files(area.name, files)
         info = area.mark_info if found is None else found[1]
         contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = marks_as_yaml(info, area.name)

@@ -128,7 +128,8 @@ def read_recording(*paths: Path) -> Recording:
         RecordingError: a file cannot be read, is not a recording, is given twice or has only ROS
             topics, or the files are of different recordings.
     """
-    parts = [part for path in paths if not (part := _read_part(path)).has_ros_topics]
+    parts = [_read_part(path) for path in paths]
+    parts = [part for part in parts if not part.has_ros_topics]
     if not parts:
         raise RecordingError(
             f"{paths[0]} has only ROS topics: play it with ros2 bag play, or replay the file "

@@ -163,6 +163,7 @@ class ReplayedChassis:
     # Playback
 
     async def _play(self) -> None:
+        """Play the recording once, or in a loop."""
         loop = asyncio.get_running_loop()
         while True:
             await self._listen()  # the recording may have ended while the ports were closed
@@ -231,6 +232,7 @@ class ReplayedChassis:
         await self._changed.wait()
 
     def _push(self, step: Step) -> None:
+        """Send a push to the clients that get it, each in its own encoding."""
         for client, codec in list(self._clients.items()):
             if step.subscribed:
                 if step.type not in client.topics:
@@ -310,6 +312,7 @@ class ReplayedChassis:
     def _answer(
         self, client: ConnectedClient, codec: Codec, envelope: Envelope, data: str | bytes
     ) -> None:
+        """Send the recorded answer after the recorded delay, or none, or refuse the request."""
         exchange = self._playback.answers.take(envelope, data)
         if exchange is None:
             text = f"the recording has no request of type {envelope.type}"

@@ -29,7 +29,7 @@ _SEPARATOR = "=" * 80
 
 
 def definition(name: str) -> str:
-    """Return the definitions of a message type and of all types that it uses.
+    """Return the definitions of a message type and of all types that it uses, in one text.
 
     Args:
         name: package and name of the type, e.g. `nav_msgs/Odometry`.

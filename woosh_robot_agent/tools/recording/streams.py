@@ -16,9 +16,9 @@ from woosh_robot_agent.tools.recording.layout import EventKind, Side
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 _protocol: Any
-try:  # websockets 11 and later
+try:
     import websockets.protocol as _protocol
-except ImportError:
+except ImportError:  # before websockets 11, the module and its class had other names
     import websockets.connection as _protocol
 _Protocol: Any = getattr(_protocol, "Protocol", None) or _protocol.Connection
 

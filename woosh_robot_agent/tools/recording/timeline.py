@@ -244,7 +244,7 @@ def _keys(envelope: Envelope, frame: str | bytes) -> tuple[_Key, ...]:
 
 
 def _canonical_body(envelope: Envelope, frame: str | bytes) -> bytes:
-    """Return the same bytes for equal bodies, whatever their encoding."""
+    """Return the same bytes for equal bodies, also in different encodings if the type is known."""
     cls = message_types().get(envelope.type)
     if cls is not None:
         try:

@@ -214,7 +214,10 @@ class RecordingWriter:
             return None
 
     def _add_views(self, message: Message, now: int) -> None:
-        """Write the views, maps and metadata of a message of the chassis; `now` is in ns."""
+        """Write the views, maps and metadata of a message of the chassis, or delay its views.
+
+        Maps are written by `_add_maps` once they are prepared. `now` is the Unix time in ns.
+        """
         cls = type(message)
         if cls in _THINNED:
             if now - self._shown_at[cls] < _VIEW_PERIOD:
