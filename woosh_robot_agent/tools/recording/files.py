@@ -56,7 +56,7 @@ class McapFile:
         self._schemas: dict[tuple[str, str], int] = {}
         self._channels: dict[Channel, int] = {}
         self._size = 0
-        """Size of the complete chunks in the file, in bytes."""
+        """Size of the file after the last `flush`, in bytes."""
         self._pending_size = 0
         """Maximum size of the chunk that is not written yet, in bytes."""
         self._end_size = _END_OVERHEAD

@@ -97,9 +97,7 @@ def decode_message(sender: Side, frame: str | bytes) -> DecodedFrame | None:
         cls = message_types().get(name)
         if cls is None:
             return None
-        return DecodedFrame(
-            _channel(sender, name), codec.body(envelope, cls), _sent_at(envelope)
-        )
+        return DecodedFrame(_channel(sender, name), codec.body(envelope, cls), _sent_at(envelope))
     except FrameError:
         return None
 
