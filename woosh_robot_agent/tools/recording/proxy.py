@@ -121,6 +121,7 @@ class RecordingProxy:
         self._tasks: set[asyncio.Task[None]] = set()
         """The task that flushes, and one task for each client."""
         self._listener: Listener | None = None
+        self._is_stopping = False
 
     async def start(self, host: str, port: int) -> int:
         """Listen for clients.
@@ -141,6 +142,7 @@ class RecordingProxy:
 
     async def stop(self) -> None:
         """Drop all clients, stop listening and record what has arrived; the writer stays open."""
+        self._is_stopping = True
         await cancel_and_wait(*self._tasks)
         if self._listener is not None:
             await self._listener.close()
@@ -153,6 +155,9 @@ class RecordingProxy:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one client until its connection ends, and record the end."""
+        if self._is_stopping:  # `stop` has cancelled the tasks of the other clients
+            abort_transport(writer.transport)
+            return
         task = asyncio.current_task()
         assert task is not None
         self._tasks.add(task)
