@@ -22,6 +22,7 @@ from woosh_robot_agent.link.server import (
 )
 from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
+from woosh_robot_agent.tools.recording.layout import RecordingError
 from woosh_robot_agent.tools.recording.timeline import (
     Playback,
     Step,
@@ -153,6 +154,24 @@ class ReplayedChassis:
         """
         await self._listen()
         self._player = asyncio.get_running_loop().create_task(self._play())
+
+    async def wait(self, stop: asyncio.Event) -> None:
+        """Wait until `stop` is set, also after the end of the recording.
+
+        Raises:
+            RecordingError: the ports, closed during a recorded loss, cannot be opened again.
+        """
+        assert self._player is not None
+        stopped = asyncio.ensure_future(stop.wait())
+        await asyncio.wait({stopped, self._player}, return_when=asyncio.FIRST_EXCEPTION)
+        if stopped.done():
+            return
+        stopped.cancel()
+        try:
+            self._player.result()
+        except OSError as error:
+            reason = error.strerror or error
+            raise RecordingError(f"cannot listen again on {self._host}: {reason}") from None
 
     async def stop(self) -> None:
         """End the playback, drop all clients and stop listening."""
