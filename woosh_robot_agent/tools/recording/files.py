@@ -317,14 +317,17 @@ class RecordingFiles:
         size = file.max_size + growth
         if self._closed_size + size > limits.max_size:
             self._close_file()
-            self._end_early(f"{self._path} has reached its size limit of {limits.max_size} bytes")
+            self._end_at_limit()
             return
         if self._start is None:  # the file has no message yet: the next one would not be smaller
             return
         is_too_large = size > self._max_file_size()
         if is_too_large or log_time - self._start >= self._split_after:
             self._close_file()
-            self._begin_file()
+            file = self._begin_file()
+            if self._closed_size + file.max_size + file.growth_by(channel, data) > limits.max_size:
+                self._remove_file(file)
+                self._end_at_limit()
 
     def _max_file_size(self) -> int:
         """Return the maximum size of the current file, in bytes."""
@@ -336,7 +339,7 @@ class RecordingFiles:
             split += self._begin_size
         return min(left, split)
 
-    def _begin_file(self) -> None:
+    def _begin_file(self) -> McapFile:
         path = self._path
         if self._limits.split_size or self._limits.split_duration:
             path = path.with_name(f"{path.stem}_{len(self.paths)}{path.suffix}")
@@ -345,6 +348,7 @@ class RecordingFiles:
         self._on_new_file(self._file)
         self._file.flush()
         self._start, self._begin_size = None, self._file.max_size
+        return self._file
 
     def _close_file(self) -> None:
         file = self._file
@@ -353,6 +357,17 @@ class RecordingFiles:
         self._file = None
         self._closed_size += file.path.stat().st_size
         self._closed_count.update(file.written)
+
+    def _remove_file(self, file: McapFile) -> None:
+        """Remove the current file, which has no messages of `add`."""
+        self._file = None
+        file.abandon()
+        file.path.unlink()
+        self.paths.remove(file.path)
+
+    def _end_at_limit(self) -> None:
+        limit = self._limits.max_size
+        self._end_early(f"{self._path} has reached its size limit of {limit} bytes")
 
     def _fail(self, error: OSError) -> None:
         """End the recording because of an error; keep what has been written."""
