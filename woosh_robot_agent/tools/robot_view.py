@@ -12,6 +12,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.link import ChassisClient, LinkState, OtherRobotError
 from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.link.reports import RecentDict
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
@@ -20,6 +21,8 @@ from woosh_robot_agent.tools.options import link_arguments
 
 _MAX_CODES = 50
 """Maximum number of status codes that are kept, the newest ones."""
+_MAX_ACTIONS = 20
+"""Maximum number of actions whose feedback is kept: a robot could send any number of names."""
 
 
 class RobotView:
@@ -35,7 +38,7 @@ class RobotView:
 
     def __init__(self) -> None:
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
-        self.actions: dict[str, Feedback] = {}
+        self.actions: RecentDict[str, Feedback] = RecentDict(_MAX_ACTIONS)
         self.values = LastKnown()  # filled by `update`
         self.values.remember(RobotInfo())  # empty, because its parts can arrive before it
         self.is_empty = True
