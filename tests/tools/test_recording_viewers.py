@@ -32,6 +32,7 @@ from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
+    General,
     Model,
     NavPath,
     PoseSpeed,
@@ -184,6 +185,15 @@ async def test_each_type_and_direction_has_a_channel(tmp_path):
             len(grid.data) // grid.row_stride,
         )
         assert round(grid.cell_size.x, 6) == description["resolution"]
+
+
+def test_a_report_without_the_robots_number_does_not_replace_it(tmp_path):
+    general = General(serial_number=7, display_model="TR200")
+    path = written(tmp_path / "a.mcap", general, RobotInfo(battery=Battery(power=5)))
+    with path.open("rb") as file:
+        records = list(make_reader(file).iter_metadata())
+    numbers = [each.metadata["serial_number"] for each in records if each.name == "robot"]
+    assert numbers == ["7"]
 
 
 def test_the_map_lies_where_the_robot_says(tmp_path):

@@ -182,9 +182,7 @@ def _speed(info: RobotInfo) -> Text:
     if not info.HasField("pose_speed"):
         return _UNKNOWN
     twist, mileage = info.pose_speed.twist, info.pose_speed.mileage
-    return Text(
-        f"{twist.linear:.2f} m/s   {twist.angular:.2f} rad/s   {mileage} m driven in total"
-    )
+    return Text(f"{twist.linear:.2f} m/s   {twist.angular:.2f} rad/s   {mileage} m driven in total")
 
 
 def _battery(info: RobotInfo) -> Text:

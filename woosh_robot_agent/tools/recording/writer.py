@@ -231,10 +231,10 @@ class RecordingWriter:
                 self._log.warn("maps", f"map {found.area.name} is left out: too many at a time")
             else:
                 self._preparing.append(self._worker.submit(prepare_map, found, now))
-        # spelled so in the robot's messages
-        general = message.genral if isinstance(message, RobotInfo) else message
-        if isinstance(general, General):
-            self._set_robot(general)
+        if isinstance(message, RobotInfo) and message.HasField("genral"):
+            message = message.genral  # spelled so in the robot's messages
+        if isinstance(message, General):
+            self._set_robot(message)
 
     def _add_views_of(self, message: Message, now: int) -> None:
         for view in views_of(message, now):
