@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -86,7 +87,7 @@ class RecordingWriter:
         """Time of the last view of each type in `_THINNED`, in ns; 0 before the first."""
         self._waiting: dict[type[Message], Message] = {}
         """The newest message of each of these types whose newest message has no view yet."""
-        self._preparing: list[Future[PreparedMap | None]] = []
+        self._preparing: deque[Future[PreparedMap | None]] = deque()
         """Maps that are prepared in the thread `_worker`; the result of an unusable one is None."""
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
         """The last map with each name; each new file begins with all of them."""
@@ -255,9 +256,8 @@ class RecordingWriter:
 
     def _add_maps(self) -> None:
         """Write the maps that have been prepared."""
-        done = [each for each in self._preparing if each.done()]
-        self._preparing = [each for each in self._preparing if not each.done()]
-        for future in done:
+        while self._preparing and self._preparing[0].done():
+            future = self._preparing.popleft()
             prepared: PreparedMap | None = self._guard("view", future.result)
             if prepared is None:
                 continue
