@@ -163,15 +163,15 @@ class ReplayedChassis:
         """
         assert self._player is not None
         stopped = asyncio.ensure_future(stop.wait())
-        await asyncio.wait({stopped, self._player}, return_when=asyncio.FIRST_EXCEPTION)
-        if stopped.done():
-            return
-        stopped.cancel()
-        try:
-            self._player.result()
-        except OSError as error:
-            reason = error.strerror or error
-            raise RecordingError(f"cannot listen again on {self._host}: {reason}") from None
+        await asyncio.wait({stopped, self._player}, return_when=asyncio.FIRST_COMPLETED)
+        if self._player.done():
+            try:
+                self._player.result()
+            except OSError as error:
+                stopped.cancel()
+                reason = error.strerror or error
+                raise RecordingError(f"cannot listen again on {self._host}: {reason}") from None
+        await stopped
 
     async def stop(self) -> None:
         """End the playback, drop all clients and stop listening."""
