@@ -314,11 +314,7 @@ def _scene_of(name: str, known: dict[str, list[str]]) -> str:
 def _check_exists(known: dict[str, list[str]], scene: str, map_name: str) -> str:
     """Check that the robot has a scene, or a map if `map_name` is not empty.
 
-    Returns:
-        What was checked, for messages.
-
-    Raises:
-        MapsError: the robot does not have it.
+    Return what that is, for messages. Raise `MapsError` if the robot does not have it.
     """
     if scene not in known:
         scenes = ", ".join(known) or "none"

@@ -124,14 +124,7 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
 
 
 def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
-    """Return the marks of a file.
-
-    Args:
-        name: name of the file, for errors.
-        entries: the entries of the file.
-        old: the marks that were written to the file. Those whose entries were not edited are
-            returned as they are.
-    """
+    """Return the marks of the file `name`; for an entry that was not edited, that of `old`."""
     old_by_number = {storage.identity.no: storage for storage in old}
     storages: list[Storage] = []
     changed: list[Storage] = []

@@ -222,14 +222,7 @@ class RecordingProxy:
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
     ) -> None:
-        """Copy one direction until its end; forward each piece before recording it.
-
-        Args:
-            connection: the connection, whose streams to both sides are open.
-            sender: side that sends the bytes.
-            reader: stream from the sender.
-            writer: stream to the receiver.
-        """
+        """Copy from `reader` to `writer` until the end; forward each piece before recording it."""
         direction = Direction(
             connection.number,
             sender,

@@ -199,14 +199,9 @@ class RecordingWriter:
             path.unlink()
 
     def _guard(self, what: str, work: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the result of `work`, or None after an error, which is only logged.
+        """Return the result of `work`; log an error in it, and return None.
 
-        A bug in it must not cut the connection between the client and the chassis.
-
-        Args:
-            what: verb for the log: what the function does with a frame.
-            work: the function.
-            arguments: its arguments.
+        A bug must not cut the connection. `what` is a verb: what `work` does with a frame.
         """
         try:
             return work(*arguments)
