@@ -95,6 +95,12 @@ def test_parts_update_robot_info():
     assert row(text, "pose") == "unknown"  # the new RobotInfo has no pose
 
 
+def test_a_robot_cannot_fill_the_screen_with_names_of_actions():
+    view = seen(*(ros_pack_pb2.Feedback(action=f"a.{number}") for number in range(1000)))
+    assert len(view.actions) < 100
+    assert "999" in view.actions
+
+
 def test_pose_task_and_actions_are_shown():
     view = seen(
         PoseSpeed(pose=Pose2D(x=1.5, y=-2.25, theta=1.5708), mileage=12),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from contextlib import AsyncExitStack
 from typing import Any
 
@@ -14,6 +15,7 @@ from tests.tools.recordings import recording
 from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES
 from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, SwitchWorkMode
 from woosh_robot_agent.pb.robot.robot_pb2 import Mode, RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
@@ -212,6 +214,28 @@ async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path):
         await eventually(lambda: replayed.rounds)
         assert (await client.request(RobotInfo())).ok
         assert client.stats.connects == 1
+
+
+@aio
+async def test_a_client_that_connects_while_the_proxy_stops_is_dropped(tmp_path, monkeypatch):
+    late: list[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = []
+
+    async def cancel_and_connect(*tasks: Any) -> None:
+        await cancel_and_wait(*tasks)
+        if not late:
+            late.append(await asyncio.open_connection("127.0.0.1", port))
+            await asyncio.sleep(0.1)  # the proxy accepts it
+
+    monkeypatch.setattr(
+        "woosh_robot_agent.tools.recording.proxy.cancel_and_wait", cancel_and_connect
+    )
+    async with simulator() as chassis:
+        async with recording(tmp_path / "a.mcap", chassis.port) as port:
+            pass
+        ((reader, writer),) = late
+        with contextlib.suppress(ConnectionResetError):
+            assert await asyncio.wait_for(reader.read(), 5) == b""
+        writer.close()
 
 
 @aio

@@ -22,6 +22,7 @@ from tests.tools import recordings
 from tests.tools.recordings import HEAD, add_numbered, numbered
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
 from woosh_robot_agent.tools.recording.layout import (
+    FRAMES,
     ROS_PROFILE,
     Event,
     Frame,
@@ -184,6 +185,23 @@ def test_the_size_limit_counts_all_files(tmp_path):
     file.close()
     assert "size limit" in told[0]
     assert sum(path.stat().st_size for path in file.paths) <= 100_000
+
+
+def test_the_size_limit_counts_what_each_file_begins_with(tmp_path):
+    told: list[str] = []
+    files = RecordingFiles(
+        tmp_path / "a.mcap",
+        Limits(max_size=100_000, split_size=30_000),
+        lambda file: file.attach("map.png", "image/png", bytes(40_000), 0),
+        told.append,
+    )
+    for number in range(5000):
+        files.add(FRAMES, number, numbered(number))
+    files.close()
+    assert len(told) == 1
+    assert "size limit" in told[0]
+    assert sum(path.stat().st_size for path in files.paths) <= 100_000
+    assert list(tmp_path.iterdir()) == files.paths
 
 
 def test_files_that_are_not_given_are_known(tmp_path):

@@ -10,6 +10,7 @@ import random
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
+    General,
     Model,
     NavPath,
     PoseSpeed,
@@ -184,6 +186,52 @@ async def test_each_type_and_direction_has_a_channel(tmp_path):
             len(grid.data) // grid.row_stride,
         )
         assert round(grid.cell_size.x, 6) == description["resolution"]
+
+
+def test_a_report_without_the_robots_number_does_not_replace_it(tmp_path):
+    general = General(serial_number=7, display_model="TR200")
+    path = written(tmp_path / "a.mcap", general, RobotInfo(battery=Battery(power=5)))
+    with path.open("rb") as file:
+        records = list(make_reader(file).iter_metadata())
+    numbers = [each.metadata["serial_number"] for each in records if each.name == "robot"]
+    assert numbers == ["7"]
+
+
+class FinishingFuture(Future[Any]):
+    """A future that is done from the second question on."""
+
+    asked = 0
+
+    def done(self) -> bool:
+        self.asked += 1
+        return self.asked > 1
+
+
+class ImmediateWorker:
+    """Does the work at once, but says so later."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None: ...
+
+    def submit(self, work: Any, *arguments: Any) -> Future[Any]:
+        future = FinishingFuture()
+        future.set_result(work(*arguments))
+        return future
+
+    def shutdown(self) -> None: ...
+
+
+def test_a_map_that_is_prepared_just_now_is_not_lost(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "woosh_robot_agent.tools.recording.writer.ThreadPoolExecutor", ImmediateWorker
+    )
+    path = tmp_path / "a.mcap"
+    file = writer(path)
+    data = SceneData(name="hall")
+    data.maps.add(name="a", id=3, resolution=0.5, map_png=png(4, 2))
+    add_pushes(file, data)
+    file.flush()
+    file.close()
+    assert len(in_recording(path, "/view/map")) == 1
 
 
 def test_the_map_lies_where_the_robot_says(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -11,12 +12,12 @@ from typing import Any
 import pytest
 
 from tests.tools.connections import KINDS, connected, link
-from tests.tools.waiting import aio, eventually
+from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkState, RequestTimeoutError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchWorkMode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.tools.recording.layout import Event, Frame, Recording
+from woosh_robot_agent.tools.recording.layout import Event, Frame, Recording, RecordingError
 from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
 from woosh_robot_agent.tools.recording.timeline import prepare
 
@@ -212,6 +213,26 @@ async def test_a_loop_starts_again_although_the_robot_never_came_back() -> None:
     ):
         await eventually(lambda: len(pushes) >= 2)
         assert client.stats.connects >= 2
+
+
+@aio
+async def test_a_port_that_was_taken_during_a_recorded_loss_is_an_error() -> None:
+    records = [
+        subscribed(0.1, "woosh.robot.Mode"),
+        (0.2, 1, "close", "chassis"),
+        (2.5, 2, "open", "client"),
+        pushed(2.6, "woosh.robot.Mode", {"work": 1}, connection=2),
+    ]
+
+    def take(port: int) -> socket.socket | None:
+        try:
+            return socket.create_server(("127.0.0.1", port))
+        except OSError:
+            return None
+
+    async with replaying(*records) as replayed, connected(replayed.port):
+        with await eventually(lambda: take(replayed.port)), pytest.raises(RecordingError):
+            await asyncio.wait_for(replayed.wait(asyncio.Event()), TIMEOUT)
 
 
 @aio

@@ -39,7 +39,7 @@ def start(name: str, arguments: Sequence[str] | None = None) -> int:
     return run_program(main)
 
 
-# the entry points of the package
+# the entry points of the package, in the order of _MODULES
 dashboard, doctor, maps, monitor, record, replay = (partial(start, name) for name in _MODULES)
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ def tool_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentPa
 
 
 def stop_event() -> asyncio.Event:
-    """Return an event that SIGINT and SIGTERM set; call it in the running event loop."""
+    """Return an event that SIGINT and SIGTERM set. Needs a running event loop."""
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -34,7 +34,7 @@ def stop_event() -> asyncio.Event:
 
 
 class Address(NamedTuple):
-    """Value of `--ip`: an address or host name, and the port; 0 for the transport's default."""
+    """Value of `--ip`: an address or host name, and a port; 0 is the default of the transport."""
 
     ip: str
     port: int = 0
@@ -52,8 +52,8 @@ def add_link_options(
     Args:
         parser: the parser.
         ip_required: True if `--ip` must be given.
-        for_subparser: True for a subparser whose main parser has the options too. They may come
-            before or after the command, so the subparser has no defaults and no help for them.
+        for_subparser: True for a subparser whose main parser has the options too. The options may
+            come before or after the command; the main parser has their defaults and their help.
         several: True if `--ip` can be repeated; then its value is a list of `Address`.
     """
     default = LinkConfig()
@@ -108,7 +108,7 @@ def link_config(
     Args:
         parser: the parser of the options.
         options: the options.
-        address: address of the robot; by default `options.ip`.
+        address: address of the robot; by default `options.ip`, which must then be one `Address`.
     """
     ip, port = options.ip if address is None else address
     try:
@@ -127,7 +127,7 @@ def link_config(
 
 
 def link_arguments(config: LinkConfig) -> str:
-    """Return the options with which another tool reaches the same robot, for a hint."""
+    """Return the options with which another tool reaches the same robot, to be shown in a hint."""
     address = f"{url_host(config.ip)}:{config.port}" if config.port else config.ip
     arguments = f"--ip {address}"
     for name in ("transport", "encoding", "robot_id"):
@@ -154,7 +154,7 @@ def _address(text: str) -> Address:
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """Parse `HOST:PORT`, `[IPV6]:PORT` or `PORT`, which means this machine only.
+    """Parse `HOST:PORT`, `[IPV6]:PORT` or `PORT`, which stands for `127.0.0.1:PORT`.
 
     Raises:
         argparse.ArgumentTypeError: the text has another form.
@@ -181,7 +181,7 @@ def above_zero(text: str) -> float:
 
 
 def is_local(host: str) -> bool:
-    """Return True if only this machine can reach an address that is listened on."""
+    """Return True if only this machine can reach a server that listens on the address `host`."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -193,7 +193,7 @@ def warn_if_not_local(host: str, consequence: str) -> None:
 
     Args:
         host: address to listen on.
-        consequence: what everybody who can connect is able to do.
+        consequence: end of the sentence "everybody who can reach `host` ...".
     """
     if not is_local(host):
         print(f"warning: everybody who can reach {host} {consequence}", file=sys.stderr)

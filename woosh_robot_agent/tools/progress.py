@@ -25,7 +25,7 @@ def progress_bar(
         text: text before the bar.
         total: value of `completed` at the end; None if it is not known.
         update: returns what has changed, as arguments of `rich.progress.Progress.update`.
-        columns: what stands after the bar.
+        columns: columns after the bar.
     """
     bar = Progress(
         TextColumn("{task.description}"),

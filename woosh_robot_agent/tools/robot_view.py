@@ -12,6 +12,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.link import ChassisClient, LinkState, OtherRobotError
 from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.link.reports import RecentDict
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
@@ -20,6 +21,8 @@ from woosh_robot_agent.tools.options import link_arguments
 
 _MAX_CODES = 50
 """Maximum number of status codes that are kept, the newest ones."""
+_MAX_ACTIONS = 20
+"""Maximum number of actions whose feedback is kept: a robot could send any number of names."""
 
 
 class RobotView:
@@ -28,17 +31,16 @@ class RobotView:
     Attributes:
         is_empty: True until the first message.
         has_robot_info: True once a RobotInfo, which holds the whole state, has been received.
-        codes: status codes, the newest last.
-        actions: last feedback of each action of `woosh.ros`, by the action's name.
-        values: last value of each message type.
+        codes: the newest status codes, at most `_MAX_CODES`, the newest last.
+        actions: last feedback of each action of `woosh.ros`, by the action's name, e.g. `MoveBase`.
+        values: last value of each type of the other messages.
     """
 
     def __init__(self) -> None:
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
-        self.actions: dict[str, Feedback] = {}
+        self.actions: RecentDict[str, Feedback] = RecentDict(_MAX_ACTIONS)
         self.values = LastKnown()  # filled by `update`
-        # An empty RobotInfo, because its parts can arrive before it.
-        self.values.remember(RobotInfo())
+        self.values.remember(RobotInfo())  # empty, because its parts can arrive before it
         self.is_empty = True
         self.has_robot_info = False
 
@@ -87,7 +89,7 @@ MAX_BACKOFF = 3.0
 
 
 def subscribe_all(chassis: ChassisClient, callback: Callable[[Message], None]) -> None:
-    """Call `callback` with everything that a robot reports by itself, and with each RobotInfo."""
+    """Call `callback` with each RobotInfo and each push, except laser scans and growing maps."""
     chassis.on_snapshot(callback)
     for topic in TOPICS:
         if not topic.on_demand:
@@ -100,9 +102,9 @@ class LinkReport:
     """State of the connection from the robot to a program that shows the robot.
 
     Attributes:
-        good: True if the program shows up-to-date values.
-        text: state of the link in words.
-        detail: counters, times or advice; may be empty.
+        good: False if the shown values may be outdated, because the connection is down.
+        text: state of the connection in words.
+        detail: counters or advice; may be empty.
     """
 
     good: bool
@@ -111,7 +113,7 @@ class LinkReport:
 
 
 def link_report(chassis: ChassisClient) -> LinkReport:
-    """Return the state of a link."""
+    """Return the state of the link to a chassis."""
     stats = chassis.stats
     since = time.strftime("%H:%M:%S", time.localtime(chassis.since))
     if chassis.state is LinkState.READY:
@@ -123,7 +125,8 @@ def link_report(chassis: ChassisClient) -> LinkReport:
         return LinkReport(True, f"connected since {since}", ping + counts)
     state = "connection lost" if stats.connects else "not connected"
     reason = f": {chassis.last_error}" if chassis.last_error else ""
-    remedy = f"run `doctor {link_arguments(chassis.config)}` to find the cause"
     if isinstance(chassis.last_error, OtherRobotError):  # its text has the remedy
         remedy = ""
+    else:
+        remedy = f"run `doctor {link_arguments(chassis.config)}` to find the cause"
     return LinkReport(False, f"{state} since {since}, retrying{reason}", remedy)

@@ -47,10 +47,10 @@ class NodeThread:
         self._thread: threading.Thread | None = None
 
     def start(self, on_error: Callable[[Exception], None] | None = None) -> None:
-        """Start the thread.
+        """Start the thread. An exception of a callback ends it.
 
         Args:
-            on_error: called in the thread with the exception of a callback, which ends the thread.
+            on_error: called in the thread with that exception; None to let Python print it.
         """
         self._thread = threading.Thread(
             target=self._spin, args=(on_error,), name="ros", daemon=True
@@ -58,7 +58,7 @@ class NodeThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread: no callback runs any more."""
+        """End the thread: no callback runs any more. Call it from another thread."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()

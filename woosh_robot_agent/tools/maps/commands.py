@@ -1,6 +1,6 @@
 """The commands of `maps`, with a progress bar if stderr is a terminal.
 
-A refusal, a missing answer or a lost link raises `MapsError`.
+A request that the robot refuses, or does not answer, raises `MapsError`.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class MapLibrary:
         return await self.query(pack.SceneData(name=scene), pack.SceneData)
 
     async def download(self, scene: str) -> dict[str, bytes]:
-        """Return the files of a scene, by the names that the robot gives them."""
+        """Return the contents of a scene's files, by the robot's names for them."""
         answer = await self.query(pack.Download(scene_name=scene), pack.DownloadResponse)
         files = {file.name: file.data for file in answer.file_datas}
         if len(files) < len(answer.file_datas):
@@ -85,7 +85,7 @@ class MapLibrary:
         return files
 
     async def query(self, request: Message, cls: type[_M]) -> _M:
-        """Return the body of an answer."""
+        """Send a request; return the body of the answer, which must be of class `cls`."""
         answer = await self.request(request)
         if not isinstance(answer.body, cls):
             raise MapsError(
@@ -95,11 +95,7 @@ class MapLibrary:
         return answer.body
 
     async def request(self, request: Message) -> Answer:
-        """Send a request; return the answer.
-
-        Raises:
-            MapsError: the robot does not answer, or refuses the request.
-        """
+        """Send a request; return the answer."""
         try:
             answer = await self.chassis.request(request)
         except LinkError as error:
@@ -112,13 +108,18 @@ class MapLibrary:
 def _progress(
     chassis: ChassisClient, text: str, size: int | None = None
 ) -> AbstractContextManager[None]:
-    """Show the number of received bytes; or with `size`, how much of an upload has been sent.
+    """Show a progress bar while the block runs.
 
-    The total size of a download is not known in advance. The frame of an upload is larger than the
-    files in it, so the bar shows the sent share of the frame, scaled to `size`.
+    Args:
+        chassis: the link.
+        text: text before the bar.
+        size: size of the files to upload, in bytes; None for a download, whose size is not known
+            in advance.
     """
     received_before, _ = chassis.traffic()
-    frame_size = 0  # of an upload: the most bytes that have waited to be sent
+    # The frame of an upload is larger than the files in it, so the bar shows the sent share of the
+    # frame, scaled to `size`. The size of the frame is the most bytes that have waited to be sent.
+    frame_size = 0
 
     def update() -> dict[str, float]:
         nonlocal frame_size
@@ -166,13 +167,13 @@ async def list_maps(library: MapLibrary, *, as_json: bool) -> None:
 
 
 async def download(library: MapLibrary, names: Sequence[str], output: Path, *, force: bool) -> None:
-    """Save the named scenes, or all scenes, in folders.
+    """Save scenes in folders.
 
     Args:
         library: the scenes of the robot.
-        names: names of scenes, or names of maps whose scenes are saved; empty for all scenes.
-        output: folder in which the folders of the scenes are created.
-        force: True to replace older folders.
+        names: names of scenes, or of maps whose scenes are saved; empty for all scenes.
+        output: folder in which a folder is created for each scene.
+        force: True to replace scenes that were saved there before.
     """
     known = await library.scenes()
     scenes = list(dict.fromkeys(_scene_of(name, known) for name in names)) if names else list(known)
@@ -246,6 +247,7 @@ async def delete(library: MapLibrary, scene: str, map_name: str) -> None:
 
 
 async def _upload(library: MapLibrary, name: str, scene: SavedScene) -> None:
+    """Upload the files of a scene, then the edited marks that these files do not contain."""
     size = sum(map(len, scene.files.values()))
     datas = [FileData(name=file, data=data) for file, data in scene.files.items()]
     request = pack.Upload(scene_name=name, file_datas=datas, method=pack.Upload.kFull)
@@ -259,11 +261,11 @@ async def _upload(library: MapLibrary, name: str, scene: SavedScene) -> None:
 
 
 async def _upload_marks(library: MapLibrary, scene: str, map_name: str, file: Path) -> None:
-    """Upload the edited marks of a map without a file of marks: one request per changed mark.
+    """Upload the marks of a map that were edited in `file`: one request for each changed mark.
 
     Raises:
-        MapsError: the scene has no such map, marks were edited for which there is no request, or
-            the map is not the current one.
+        MapsError: the scene has no such map, marks were edited for which there is no request, the
+            map is not the current one, or the robot refuses a request.
     """
     data = await library.scene_data(scene)
     old = next((each.mark_info for each in data.maps if each.name == map_name), None)
@@ -299,7 +301,7 @@ async def _upload_marks(library: MapLibrary, scene: str, map_name: str, file: Pa
 
 
 def _scene_of(name: str, known: dict[str, list[str]]) -> str:
-    """Return the scene with a name, or else the scene with a map of this name."""
+    """Return the scene with a name, or else the only scene with a map of this name."""
     if name in known:
         return name
     found = [scene for scene, maps in known.items() if name in maps]
@@ -310,10 +312,9 @@ def _scene_of(name: str, known: dict[str, list[str]]) -> str:
 
 
 def _check_exists(known: dict[str, list[str]], scene: str, map_name: str) -> str:
-    """Check that the robot has a scene or map; return its name for messages.
+    """Check that the robot has a scene, or a map if `map_name` is not empty.
 
-    Raises:
-        MapsError: the robot does not have it.
+    Return what that is, for messages. Raise `MapsError` if the robot does not have it.
     """
     if scene not in known:
         scenes = ", ".join(known) or "none"
@@ -325,4 +326,5 @@ def _check_exists(known: dict[str, list[str]], scene: str, map_name: str) -> str
 
 
 def _count(storages: Storages) -> int:
+    """Return the number of marks in a message that has one field for each type of mark."""
     return sum(len(group) for _, group in storages.ListFields())

@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: arguments of the program; by default from the command line.
 
     Returns:
-        The exit status.
+        The exit status, as in `_EPILOG`.
     """
     parser = _parser()
     options = parser.parse_args(arguments)
@@ -68,8 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _name(text: str) -> str:
-    """Return the name of a scene or a map, unless it is blank, as from an unset shell variable."""
-    if not text.strip():
+    """Return the name of a scene or a map; refuse a blank one."""
+    if not text.strip():  # as from an unset shell variable
         raise argparse.ArgumentTypeError("the name is blank")
     return text
 
@@ -120,7 +120,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> None:
-    """Run the command."""
     async with ChassisClient(config=config, minimum_timeouts=commands.SLOW_ANSWERS) as chassis:
         library = commands.MapLibrary(chassis)
         if options.command == "list":

@@ -37,11 +37,11 @@ class MapsError(Exception):
 _UNSAFE = frozenset('/\\:*?"<>|%')
 """Characters that are encoded in file names; also `%`, so that different names stay different."""
 _MAX_NAME = 200
-"""Maximum length of a file name, in bytes. Most file systems have a limit of 255."""
+"""Maximum length of a file name without suffix, in bytes. Most file systems have a limit of 255."""
 
 
 def to_file_name(name: str) -> str:
-    """Return a file name for any name. Different names have different file names.
+    """Return a file name for the name of a scene, map or file; it differs for different names.
 
     Raises:
         MapsError: the name is empty or too long.
@@ -68,7 +68,7 @@ _TYPES = tuple(field.name for field in Storage.DESCRIPTOR.oneofs_by_name["catego
 _BASE = "base"
 """Type of a mark without a category."""
 _MARKS, _OTHERS = "marks", "others"
-"""Keys of the file: the storage places, and all other marks."""
+"""Keys of a file of marks: the storage places, and all other marks."""
 _MAX_MARKS_FILE = 8 * 1024 * 1024
 """Maximum size of a file of marks, in bytes."""
 _MAX_MARKS = 100_000
@@ -93,12 +93,12 @@ def marks_as_yaml(info: MarkInfo, map_name: str) -> bytes:
 
 
 def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
-    """Return the marks in a YAML file; `old` itself if the marks are the same.
+    """Return the marks in a YAML file; `old` itself if the file was not edited.
 
     Args:
         path: path of the file.
-        old: the marks at the time when the file was written. Data that the file does not contain
-            are taken from these marks.
+        old: the robot's marks that were written to the file. Data that the file does not contain
+            are taken from them.
 
     Raises:
         MapsError: the file cannot be used.
@@ -110,11 +110,12 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
         has_new_others = bool(root.others) and root.others != other_marks(old)
         if not has_new_others and storages == list(old.storages):
             return old
-        new = MarkInfo()
-        new.CopyFrom(old)
         if has_new_others:
-            where = f"{name}: {_OTHERS}"
-            new = _parse_into(where, root.others, MarkInfo(version=old.version))
+            new = MarkInfo(version=old.version)
+            _parse_into(f"{name}: {_OTHERS}", root.others, new)
+        else:
+            new = MarkInfo()
+            new.CopyFrom(old)
         del new.storages[:]
         new.storages.extend(storages)
     except DataFileError as error:
@@ -123,12 +124,12 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
 
 
 def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
-    """Return the marks of a file. For an unchanged mark, the Storage of `old` is returned."""
+    """Return the marks of the file `name`; for an entry that was not edited, that of `old`."""
     old_by_number = {storage.identity.no: storage for storage in old}
     storages: list[Storage] = []
     changed: list[Storage] = []
     numbers: set[str] = set()
-    ids: set[int] = set()
+    ids: set[int] = set()  # with 0 for marks without an id
     for index, entry in enumerate(entries):
         where = f"{name}: {_MARKS}[{index}]"
         # `str`, because the number in a file may be anything
@@ -145,17 +146,18 @@ def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list
         ids.add(id_)
         storages.append(storage)
     for storage in changed:
-        if not storage.identity.id:
-            if max(ids) == _MAX_ID:
-                text = f"the id {_MAX_ID} leaves none for the new mark {storage.identity.no}"
-                raise DataFileError(f"{name}: {_MARKS}: {text}: give it an id")
-            storage.identity.id = max(ids) + 1
-            ids.add(storage.identity.id)
+        if storage.identity.id:
+            continue
+        if max(ids) == _MAX_ID:
+            text = f"the id {_MAX_ID} leaves none for the new mark {storage.identity.no}"
+            raise DataFileError(f"{name}: {_MARKS}: {text}: give it an id")
+        storage.identity.id = max(ids) + 1
+        ids.add(storage.identity.id)
     return storages
 
 
 def _entry(storage: Storage) -> dict[str, Any]:
-    """Return a mark as an entry of the file."""
+    """Return a mark as an entry of a file of marks; the inverse of `_storage`."""
     fields = MessageToDict(storage, preserving_proto_field_name=True)
     identity, poses = fields.pop("identity", {}), fields.pop("pose", {})
     category = storage.WhichOneof("category")
@@ -178,12 +180,15 @@ def _entry(storage: Storage) -> dict[str, Any]:
 
 
 class _Pose(NamedTuple):
+    """A pose in the frame of the map, in m and rad."""
+
     x: float
     y: float
     theta: float
 
 
 def _check_type(name: str) -> None:
+    """Raise a ValueError if a mark cannot be of this type."""
     if name not in (_BASE, *_TYPES):
         raise ValueError(f"{name!r} is not one of {', '.join((_BASE, *_TYPES))}")
 
@@ -194,14 +199,14 @@ class _MarkEntry:
 
     Attributes:
         number: number of the mark, unique in the file.
-        id: id of the mark, unique in the file; 0 for the next free one.
-        type: kind of the mark.
+        id: id of the mark, unique in the file; 0 for one above the highest id.
+        type: type of the mark: `base`, or one of `_TYPES`.
         pose: pose of a robot that stands at the mark; None if only `real` is known.
         real: pose of the place itself; None if it is the same as `pose`.
         description: text that describes the mark; may be empty.
-        details: further fields of the robot's mark, as JSON.
-        where: place of the entry in the file, for errors, e.g. `NAME: marks[3]`; set by the reader,
-            not a key.
+        details: further fields of the robot's mark, as JSON; None if there are none.
+        where: place of the entry in the file, for errors, e.g. `NAME: marks[3]`. It is set by
+            `structure`, and is not a key of the entry.
     """
 
     number: str
@@ -223,8 +228,8 @@ class _MarksFile:
     """The content of a file of marks.
 
     Attributes:
-        marks: the storage places; `_storages` reads each changed one as a `_MarkEntry`.
-        others: all other marks, as from `other_marks`; without them, the old ones are kept.
+        marks: the storage places; `_storages` reads each edited one as a `_MarkEntry`.
+        others: all other marks, as from `other_marks`; None or empty to keep the robot's.
     """
 
     marks: Annotated[tuple[Any, ...], Between(0, _MAX_MARKS)]
@@ -232,7 +237,7 @@ class _MarksFile:
 
 
 def _storage(entry: _MarkEntry) -> Storage:
-    """Return the mark that an entry of the file describes."""
+    """Return the mark that an entry of a file of marks describes."""
     storage = Storage()
     if entry.details:
         _parse_into(f"{entry.where}.details", entry.details, storage)
@@ -256,15 +261,15 @@ def _storage(entry: _MarkEntry) -> Storage:
 
 
 def other_marks(info: MarkInfo) -> dict[str, Any]:
-    """Return all marks except the storage places, as in the file."""
+    """Return all marks except the storage places, as JSON."""
     fields = MessageToDict(info, preserving_proto_field_name=True)
     return {key: value for key, value in fields.items() if key not in ("storages", "version")}
 
 
-def _parse_into(where: str, value: Any, message: Any) -> Any:
-    """Add the fields in a part of the file to a message, and return it."""
+def _parse_into(where: str, value: Any, message: Any) -> None:
+    """Add fields, as JSON, to a message; `where` is their place in the file, for errors."""
     try:
-        return ParseDict(value, message)
+        ParseDict(value, message)
     except (ParseError, TypeError, ValueError, AttributeError) as error:
         text = f"does not fit {message.DESCRIPTOR.full_name}: {error}"
         raise DataFileError(f"{where}: {text}") from None
@@ -275,7 +280,7 @@ def _pose_numbers(pose: dict[str, float] | None) -> list[float] | None:
 
 
 _NAV2, _MARKS_FOLDER = "nav2", "marks"
-"""Subfolders of a saved scene that this program writes; the robot has no such files."""
+"""Subfolders of a saved scene for the files that this program makes."""
 _SCENE_MARKERS = (_MARKS_FOLDER, "scene.json")
 """A folder that contains one of these is a saved scene."""
 _MARK_INFO = "mark_info.data"
@@ -283,18 +288,18 @@ _MARK_INFO = "mark_info.data"
 
 
 def to_path(name: str) -> str:
-    """Return the path of a robot's file in the folder of its scene.
+    """Return the path of a robot's file in the folder of its scene; `unquote` is the inverse.
 
     If a part of the name is empty, `.` or `..`, the whole name becomes one file name.
 
     Raises:
-        MapsError: the name cannot be a path.
+        MapsError: a part of the name is too long for a file name, or the name is empty.
     """
     parts = name.split("/")
     if any(part in ("", ".", "..") for part in parts):
         return to_file_name(name)
     paths = [to_file_name(part) for part in parts]
-    if paths[0] in (_NAV2, _MARKS_FOLDER):  # these are the folders of this program
+    if paths[0] in (_NAV2, _MARKS_FOLDER):  # a folder of this program: encode its first letter
         paths[0] = f"%{ord(paths[0][0]):02X}{paths[0][1:]}"
     return "/".join(paths)
 
@@ -305,8 +310,9 @@ class SavedScene:
 
     Attributes:
         name: name of the scene.
-        files: the files of the robot, by the robot's names, with the edited marks.
-        separate_marks: YAML files of marks for maps without a mark file in `files`, by map name.
+        files: contents of the robot's files, by the robot's names. Those with marks contain the
+            edits.
+        separate_marks: YAML files of marks for maps whose marks are not in `files`, by map name.
     """
 
     name: str
@@ -315,7 +321,7 @@ class SavedScene:
 
 
 def check_writable(target: Path, *, force: bool) -> None:
-    """Check that a scene may be saved in a folder.
+    """Check that a scene may be saved in a folder, with `force` also in place of a saved scene.
 
     Raises:
         MapsError: the path exists, and must not be replaced.
@@ -337,9 +343,9 @@ def write_scene(
 
     Args:
         target: the folder, which is created.
-        data: the maps with their pictures and marks.
-        files: the files of the robot.
-        force: True to replace an older folder.
+        data: name of the scene, and its maps with their pictures and marks.
+        files: contents of the robot's files, by the robot's names.
+        force: True to replace a scene that was saved there before.
 
     Returns:
         Warnings: maps and masks that were not saved for nav2, because the robot sent no usable
@@ -357,11 +363,13 @@ def write_scene(
             ("the keep-out mask of map", keepout_files, f"{stem}_keepout"),
         ):
             try:
-                for file, content in make_files(area, name).items():
-                    contents[f"{_NAV2}/{file}"] = content
+                made = make_files(area, name)
             except MapError as error:  # the robot's own files are saved nevertheless
                 warnings.append(f"{what} {area.name} is not saved for nav2: {error}")
-        _, info = _marks_in_files(area.name, files) or ("", area.mark_info)
+                continue
+            contents |= {f"{_NAV2}/{file}": content for file, content in made.items()}
+        found = _marks_in_files(area.name, files)
+        info = area.mark_info if found is None else found[1]
         contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = marks_as_yaml(info, area.name)
     try:
         _write_folder(target, contents, force=force)
@@ -371,10 +379,10 @@ def write_scene(
 
 
 def read_scene(folder: Path) -> SavedScene:
-    """Read a saved scene.
+    """Read a saved scene, whose name is that of the folder.
 
     Raises:
-        MapsError: the folder cannot be used.
+        MapsError: the folder is not a saved scene, or one of its files cannot be used.
     """
     if not _is_scene(folder):
         inside = ", ".join(str(each) for each in sorted(folder.glob("*")) if _is_scene(each))
@@ -382,7 +390,7 @@ def read_scene(folder: Path) -> SavedScene:
         raise MapsError(f"{folder} is not a saved scene{hint}")
     paths = {each.relative_to(folder).as_posix(): each for each in sorted(folder.rglob("*"))}
     files = {
-        unquote(name): _read(path)  # the inverse of `to_path`
+        unquote(name): _read(path)
         for name, path in paths.items()
         if path.is_file() and not _is_own(name)
     }
@@ -404,12 +412,15 @@ def _is_scene(folder: Path) -> bool:
 
 
 def _is_own(path: str) -> bool:
-    """Return True for a file that is not the robot's: one of this program, or a hidden one."""
+    """Return True for a file that is not the robot's: of this program, or hidden at the top."""
     return path.startswith((f"{_NAV2}/", f"{_MARKS_FOLDER}/", "."))
 
 
 def _marks_in_files(area: str, files: Mapping[str, bytes]) -> tuple[str, MarkInfo] | None:
-    """Return the robot's file with the marks of a map, and its content; None if there is none."""
+    """Return the name of the robot's file with the marks of a map, and the marks.
+
+    None if there is no such file, or if it has an unknown format.
+    """
     end = f"/{area}/{_MARK_INFO}"
     for name, content in files.items():
         if f"/{name}".endswith(end):

@@ -43,7 +43,7 @@ class Source(Protocol):
         """Return the current state of the link."""
 
     def is_complete(self) -> bool:
-        """Return True once all first values have arrived, or the wait for them has timed out."""
+        """Return True if the robot's whole state has arrived, and `link` awaits nothing more."""
 
     async def start(self) -> None:
         """Start receiving."""
@@ -58,7 +58,7 @@ class LinkSource:
     It requests RobotInfo on each connection and never commands the robot.
 
     Args:
-        config: address and timeouts of the chassis.
+        config: configuration of the link; its `backoff_max` is replaced by `MAX_BACKOFF`.
     """
 
     def __init__(self, config: LinkConfig) -> None:
@@ -97,16 +97,16 @@ Exit status with --once: 0 if the printed state is up to date, 1 if it is not.""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Show the state of one robot until `q`, SIGINT or SIGTERM.
+    """Show the state of one robot until `q`, SIGINT or SIGTERM, or print it once.
 
     Args:
         arguments: arguments of the program; by default from the command line.
 
     Returns:
-        The exit status: 0; with `--once`, 1 if the printed state is not up to date.
+        The exit status: 0; with `--once`, 1 if the printed state is incomplete or outdated.
     """
-    # rclpy parses --ros-args and what follows
     given = list(sys.argv[1:] if arguments is None else arguments)
+    # rclpy parses --ros-args and what follows
     ros_at = given.index("--ros-args") if "--ros-args" in given else len(given)
     parser = tool_parser("monitor", "Show the state of one robot.", _EPILOG)
     add_link_options(parser, ip_required=False)
@@ -160,7 +160,7 @@ async def _run(source: Source, options: argparse.Namespace) -> int:
 
 
 async def print_once(source: Source, console: Console, stop: asyncio.Event, timeout: float) -> int:
-    """Print the state once, as soon as it is complete or `timeout` seconds have passed.
+    """Print the state once it is complete, after `timeout` seconds, or when `stop` is set.
 
     Returns:
         The exit status: 0 if the state is complete and up to date, else 1.
@@ -197,7 +197,7 @@ async def _print_repeatedly(source: Source, console: Console, stop: asyncio.Even
 
 
 async def _pause(stop: asyncio.Event, duration: float) -> None:
-    """Wait `duration` seconds, or until `stop` is set."""
+    """Wait until `stop` is set, but at most `duration` seconds."""
     try:
         await run_with_timeout(duration, stop.wait())
     except TimeoutError:

@@ -32,10 +32,8 @@ _AGENT_TIMEOUT = 5.0
 _PARAMETERS_TIMEOUT = 2.0
 """Time without an answer after which the parameters are requested again, in seconds."""
 _ROBOT_INFO_TIMEOUT = 12.0
-"""Time without an answer after which RobotInfo is requested again, in seconds.
-
-Longer than the agent's own timeout of 10 s for the robot.
-"""
+"""Time without an answer after which RobotInfo is requested again, in seconds: longer than the
+agent waits for the robot, which is 10 s."""
 _ROBOT_INFO = next(query for query in QUERIES if query.request == full_name(RobotInfo))
 _CONNECTED = "connected"
 _AGENT_TOPIC = TOPICS[0]
@@ -44,16 +42,15 @@ _PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id")
 """Parameters requested from the agent, to show the address, and to see that it is alive."""
 
 
-class _RetriedCall:
-    """A service call that is retried after a timeout, because DDS can lose the first request.
-
-    Call `call` periodically: it makes the first call and the retries.
+class _RepeatedCall:
+    """A service call that is repeated as long as `call` is called, one call at a time.
 
     Args:
         client: rclpy's client of the service.
         request: the request.
-        timeout: time after which a call without a response is repeated, in seconds.
-        on_response: called with the response.
+        timeout: time after which a call without a response is given up, in seconds, because DDS
+            can lose the first request.
+        on_response: called with each response.
     """
 
     def __init__(
@@ -67,21 +64,17 @@ class _RetriedCall:
         self._called_at = 0.0
 
     def call(self) -> None:
-        """Call the service if it is available.
-
-        Do nothing while a call is in flight; after the timeout, cancel that call and retry.
-        """
-        if self._future is not None:
-            if time.monotonic() - self._called_at < self._timeout:
-                return
-            self.cancel()
+        """Call the service if it is available, unless a call is in flight and not timed out."""
+        if self._future is not None and time.monotonic() - self._called_at < self._timeout:
+            return
+        self.cancel()
         if self.client.service_is_ready():
             self._called_at = time.monotonic()
             self._future = self.client.call_async(self._request)
             self._future.add_done_callback(self._on_done)
 
     def cancel(self) -> None:
-        """Ignore the response of the call in flight."""
+        """Give up the call in flight, if any."""
         if self._future is not None:
             future, self._future = self._future, None
             self.client.remove_pending_request(future)
@@ -95,7 +88,7 @@ class _RetriedCall:
 class RosSource:
     """Receives what one agent publishes; implements `Source`.
 
-    An executor runs in a thread of its own and hands messages over to the asyncio loop in which
+    ROS callbacks run in a thread of their own. They hand messages over to the asyncio loop in which
     `start` was called.
 
     Args:
@@ -103,7 +96,8 @@ class RosSource:
         ros_args: command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default from the environment.
         discovery_period: time between two searches for the agent, in seconds.
-        connected_timeout: time for which to wait for the topic `connected` of an agent, in seconds.
+        connected_timeout: time for which the first message on the agent's topic `connected` is
+            awaited after the agent's first answer, in seconds.
 
     Raises:
         Exception: the namespace or the arguments are invalid; the type is rclpy's.
@@ -124,29 +118,31 @@ class RosSource:
         self._thread = NodeThread(f"monitor_{os.getpid()}", namespace, ros_args, domain)
         self._node = self._thread.node
         self.name = self._node.get_namespace()
-        self._parameters_call: _RetriedCall | None = None
+        self._parameters_call: _RepeatedCall | None = None
         """Call that requests the agent's parameters; None without an agent."""
         self._agent_name = ""
+        """Name of the agent's node, with its namespace; empty without an agent."""
         self._first_answer_at = self._last_answer_at = 0.0
-        """Times of the agent's first and last answer; 0 before the first one."""
+        """Times of the first and last answer to `_parameters_call`, in `time.monotonic` seconds; 0
+        before."""
         self._address = ""
-        """Address of the agent's robot, with port and transport; empty if unknown."""
+        """Address of the agent's robot, with its transport; empty if unknown."""
         self._doctor_command = "doctor"
-        """Command that examines the agent's robot."""
+        """Command that examines the agent's robot; without its address if that is unknown."""
         self._connected: bool | None = None
         """Last value of the topic `connected`; None before the first one."""
         self._invalid = (0, "")
         """Number of messages that could not be converted, and the last error."""
-        self._robot_info_call: _RetriedCall
         self._needs_robot_info = True
         """True until the agent has answered with the robot's state since it was last connected."""
+        self._robot_info_call: _RepeatedCall  # set by `start`, as is the next one
         self._loop: asyncio.AbstractEventLoop
 
     async def start(self) -> None:
         self._loop = asyncio.get_running_loop()
         srv = class_of(_ROBOT_INFO.srv, "srv")
         client = self._node.create_client(srv, _ROBOT_INFO.name)
-        self._robot_info_call = _RetriedCall(
+        self._robot_info_call = _RepeatedCall(
             client, srv.Request(), _ROBOT_INFO_TIMEOUT, self._on_robot_info
         )
         for topic in TOPICS:
@@ -165,9 +161,8 @@ class RosSource:
         await asyncio.to_thread(self._thread.close)
 
     def is_complete(self) -> bool:
-        return self.view.has_robot_info and not (
-            self._needs_robot_info or self._is_awaiting_connected()
-        )
+        has_current_info = self.view.has_robot_info and not self._needs_robot_info
+        return has_current_info and not self._is_awaiting_connected()
 
     def link(self) -> LinkReport:
         if self._parameters_call is None:
@@ -236,7 +231,7 @@ class RosSource:
         )
 
     def _update(self, convert: Converter, message: Any) -> None:
-        """Update the view, in the asyncio loop."""
+        """Convert a message, and hand it over to the view in the asyncio loop."""
         try:
             converted = convert.to_proto(message)
         except BadFieldError as error:  # robots do report values such as NaN
@@ -253,7 +248,10 @@ class RosSource:
         self._connected = message.data
 
     def _discover(self) -> None:
-        """Find the agent, check that it is alive, and request RobotInfo if it is needed."""
+        """Find the agent, request its parameters, and request RobotInfo if it is needed.
+
+        The answers with the parameters also show that the agent is alive.
+        """
         topic = self._node.resolve_topic_name(_AGENT_TOPIC.name)
         found = {
             f"{info.node_namespace.rstrip('/')}/{info.node_name}"
@@ -261,7 +259,7 @@ class RosSource:
             if info.node_name != UNKNOWN_NODE
         }
         if self._agent_name not in found:
-            # If no agent was known, the received state comes from the agent found now: keep it.
+            # With no agent known so far, `_connected` is that of the agent found now: keep it.
             if self._parameters_call is not None:
                 self._forget_agent()
             if not found:
@@ -278,7 +276,7 @@ class RosSource:
         self._needs_robot_info = True
         client = self._node.create_client(GetParameters, f"{name}/get_parameters")
         request = GetParameters.Request(names=list(_PARAMETERS))
-        self._parameters_call = _RetriedCall(
+        self._parameters_call = _RepeatedCall(
             client, request, _PARAMETERS_TIMEOUT, self._on_parameters
         )
         self._agent_name = name
@@ -298,7 +296,7 @@ class RosSource:
         self._first_answer_at = self._first_answer_at or self._last_answer_at
 
     def _set_address(self, values: Sequence[Any]) -> None:
-        """Take over the values of `_PARAMETERS`."""
+        """Set address and command from the values of `_PARAMETERS`."""
         transport, ip, port, encoding, robot_id = values
         self._address = url_host(ip.string_value)
         if port.integer_value:

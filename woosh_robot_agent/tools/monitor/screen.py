@@ -35,16 +35,15 @@ from woosh_robot_agent.robot.readiness import (
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 
-_END_OF_INPUT = "\x04"
-"""Key that stands for the loss of the terminal, as from Ctrl-D."""
+_CTRL_D = "\x04"
 
 
 @contextmanager
 def key_presses(on_key: Callable[[str], None]) -> Iterator[bool]:
-    """Call `on_key` with each key pressed; yield False if stdin is not a terminal.
+    """Call `on_key` with each key pressed while the block runs; yield True if there is a keyboard.
 
-    The terminal's settings are restored at the end. If the terminal goes away, that counts as the
-    key Ctrl-D.
+    Without a terminal as stdin there is none. The terminal's settings are restored at the end. The
+    loss of the terminal counts as the key Ctrl-D. Needs a running event loop.
     """
     if not sys.stdin.isatty():
         yield False
@@ -57,7 +56,7 @@ def key_presses(on_key: Callable[[str], None]) -> Iterator[bool]:
         data = os.read(stdin, 100)
         if not data:  # the terminal is gone
             loop.remove_reader(stdin)
-        for key in data.decode(errors="replace") or _END_OF_INPUT:
+        for key in data.decode(errors="replace") or _CTRL_D:
             on_key(key)
 
     try:
@@ -71,8 +70,9 @@ def key_presses(on_key: Callable[[str], None]) -> Iterator[bool]:
 
 _GOOD, _BAD, _WARNING, _FAINT = "green", "bold red", "yellow", "dim"
 _MAX_CODES = 8
-"""Number of status codes shown, the newest first."""
+"""Maximum number of status codes shown, the newest first."""
 _LEVEL_STYLES = {StatusCode.kWarn: _WARNING, StatusCode.kFault: _BAD}
+_TASK_STYLES = {task.kFailed: _BAD, task.kCompleted: _GOOD}
 _LOW_BATTERY = 20
 """Highest charge that is shown as low, in percent."""
 _UNKNOWN = Text("unknown", _FAINT)
@@ -121,7 +121,7 @@ def _robot(info: RobotInfo) -> list[tuple[str, Text]]:
     return [
         ("robot", _name(info)),
         ("mode", _mode(info)),
-        ("new task", _taskable(info)),
+        ("new task", _new_task(info)),
         ("pose", _pose(info)),
         ("speed", _speed(info)),
         ("battery", _battery(info)),
@@ -131,12 +131,13 @@ def _robot(info: RobotInfo) -> list[tuple[str, Text]]:
 
 
 def _name(info: RobotInfo) -> Text:
-    general, setting = info.genral, info.setting
+    general = info.genral  # spelled so in the robot's messages
     number = info.robot_id or general.serial_number
+    name = info.setting.identity.name
     parts = [
         str(number) if number else "",
         general.display_model,
-        setting.identity.name if setting.identity.name != str(number) else "",
+        name if name != str(number) else "",
         f"scene {info.scene.scene_name}" if info.scene.scene_name else "",
         f"map {info.scene.map_name}" if info.scene.map_name else "",
     ]
@@ -153,15 +154,16 @@ def _mode(info: RobotInfo) -> Text:
     return Text(f"control {ctrl}   work {work}   state {state}")
 
 
-def _taskable(info: RobotInfo) -> Text:
-    found = all_objections(info)
-    if found:
-        text = Text("would be rejected", _BAD)
-        for objection in found:
-            text.append(f"\n- {printable(objection.reason)}", _BAD)
-            text.append(f": {printable(objection.remedy)}", "not bold default")
-        return text
-    return Text("would be accepted", _GOOD) if accepts_task(info) else _UNKNOWN
+def _new_task(info: RobotInfo) -> Text:
+    """Return whether the robot would accept a new task, and if not, why."""
+    objections = all_objections(info)
+    if not objections:
+        return Text("would be accepted", _GOOD) if accepts_task(info) else _UNKNOWN
+    text = Text("would be rejected", _BAD)
+    for objection in objections:
+        text.append(f"\n- {printable(objection.reason)}", _BAD)
+        text.append(f": {printable(objection.remedy)}", "not bold default")
+    return text
 
 
 def _pose(info: RobotInfo) -> Text:
@@ -172,26 +174,25 @@ def _pose(info: RobotInfo) -> Text:
     text = Text(
         f"x {pose.x:.3f} m   y {pose.y:.3f} m   theta {pose.theta:.3f} rad ({degrees:.1f}°)"
     )
-    doubt = pose_problem(info)
-    return text if doubt is None else text.append(f"\n{printable(doubt.reason)}", _WARNING)
+    problem = pose_problem(info)
+    return text if problem is None else text.append(f"\n{printable(problem.reason)}", _WARNING)
 
 
 def _speed(info: RobotInfo) -> Text:
     if not info.HasField("pose_speed"):
         return _UNKNOWN
-    twist = info.pose_speed.twist
-    mileage = f"   {info.pose_speed.mileage} m driven in total"
-    return Text(f"{twist.linear:.2f} m/s   {twist.angular:.2f} rad/s{mileage}")
+    twist, mileage = info.pose_speed.twist, info.pose_speed.mileage
+    return Text(f"{twist.linear:.2f} m/s   {twist.angular:.2f} rad/s   {mileage} m driven in total")
 
 
 def _battery(info: RobotInfo) -> Text:
     if not info.HasField("battery"):
         return _UNKNOWN
     battery = info.battery
-    charging = is_charging(battery)
-    state = f"charging ({enum_name(Battery.ChargeState, battery.charge_state)})" if charging else ""
-    low = battery.power <= _LOW_BATTERY and not charging
-    return Text(f"{battery.power} %   {state}".rstrip(), _WARNING if low else "")
+    if is_charging(battery):
+        state = enum_name(Battery.ChargeState, battery.charge_state)
+        return Text(f"{battery.power} %   charging ({state})")
+    return Text(f"{battery.power} %", _WARNING if battery.power <= _LOW_BATTERY else "")
 
 
 def _task(info: RobotInfo) -> Text:
@@ -204,10 +205,7 @@ def _task(info: RobotInfo) -> Text:
         f"to {printable(proc.dest)}" if proc.dest else "",
     ]
     text = Text(" ".join(part for part in parts if part) + "   ")
-    style = (
-        _BAD if proc.state == task.kFailed else _GOOD if proc.state == task.kCompleted else "bold"
-    )
-    text.append(enum_name(task.State, proc.state), style)
+    text.append(enum_name(task.State, proc.state), _TASK_STYLES.get(proc.state, "bold"))
     return text.append(f"   {printable(proc.msg)}" if proc.msg else "")
 
 
@@ -221,10 +219,9 @@ def _task_action(info: RobotInfo) -> Text:
 
 
 def _action_feedback(feedback: Feedback) -> Text:
+    message = explained(feedback.code, feedback.msg) if feedback.code else feedback.msg
     text = Text(enum_name(ActionState, feedback.state))
-    if feedback.code:
-        return text.append(f"   {printable(explained(feedback.code, feedback.msg))}")
-    return text.append(f"   {printable(feedback.msg)}" if feedback.msg else "")
+    return text.append(f"   {printable(message)}" if message else "")
 
 
 def _problems(info: RobotInfo) -> Text:
@@ -239,6 +236,8 @@ def _problems(info: RobotInfo) -> Text:
 
 
 def _codes(view: RobotView) -> Text:
+    if not view.codes:
+        return Text("none", _FAINT)
     text = Text()
     for code in list(reversed(view.codes))[:_MAX_CODES]:
         when = time.strftime("%m-%d %H:%M:%S", time.localtime(code.time / 1000))
@@ -248,4 +247,4 @@ def _codes(view: RobotView) -> Text:
             _LEVEL_STYLES.get(code.level, ""),
         )
     text.rstrip()  # the last line feed
-    return text if view.codes else Text("none", _FAINT)
+    return text

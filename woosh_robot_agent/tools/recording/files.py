@@ -19,11 +19,15 @@ _CHUNK_SIZE = 1024 * 1024
 _NEVER = 2**62
 """Chunk size with which the library itself never ends a chunk."""
 _LIBRARY = "woosh_robot_agent"
-# Upper bounds of the sizes of MCAP records, in bytes, without the names and texts in them.
+# Upper bounds of sizes in an MCAP file, in bytes, without the data, names and texts.
 _MESSAGE_OVERHEAD = 64
+"""Size of a message, with its entry in the index of the chunk."""
 _RECORD_OVERHEAD = 128
-_INDEX_OVERHEAD = 64  # of each channel in each chunk
+"""Size of any other record."""
+_INDEX_OVERHEAD = 64
+"""Size of the indexes of a chunk, for each channel."""
 _END_OVERHEAD = 512
+"""Size of the end of a file, without what refers to channels, chunks and attachments."""
 
 
 class McapFile:
@@ -31,11 +35,11 @@ class McapFile:
 
     Args:
         path: path of the new file; it must not exist.
-        profile: profile in the header of the file.
+        profile: MCAP profile, for the header of the file; empty for none.
 
     Attributes:
         path: path of the file.
-        written: number of messages in the file, by topic.
+        written: number of messages in the file, by topic, without those in `pending`.
         pending: number of messages in the chunk that is not written yet, by topic.
 
     Raises:
@@ -52,7 +56,7 @@ class McapFile:
         self._schemas: dict[tuple[str, str], int] = {}
         self._channels: dict[Channel, int] = {}
         self._size = 0
-        """Size of the complete chunks in the file, in bytes."""
+        """Size of the file after the last `flush`, in bytes."""
         self._pending_size = 0
         """Maximum size of the chunk that is not written yet, in bytes."""
         self._end_size = _END_OVERHEAD
@@ -99,7 +103,7 @@ class McapFile:
         return size
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
-        """Write an attachment after the messages so far."""
+        """Write an attachment after the messages so far; `log_time` is its time, in ns."""
         self.flush()
         self._writer.add_attachment(log_time, log_time, name, media_type, data)
         self._end_size += len(name) + len(media_type) + _RECORD_OVERHEAD
@@ -113,7 +117,7 @@ class McapFile:
         self.flush()
 
     def flush(self) -> None:
-        """Complete the chunk, pass everything on to the operating system, and update the sizes."""
+        """Write the pending chunk, and pass everything on to the operating system."""
         if self.pending:
             self._end_size += self._chunk_end_size()
         self._writer.flush()
@@ -129,7 +133,7 @@ class McapFile:
         self._file.close()
 
     def abandon(self) -> None:
-        """Close the file after an error, and cut off an incomplete chunk."""
+        """Close the file after an error, and cut off what was written since the last `flush`."""
         with contextlib.suppress(OSError):
             self._file.close()
         with contextlib.suppress(OSError):
@@ -144,8 +148,8 @@ class McapFile:
         number = self._channels[channel] = self._writer.register_channel(
             channel.topic, channel.message_encoding, self._schemas[key], channel.metadata
         )
-        # a definition is in the chunk, and again at the end of the file for readers that seek
         size = _definition_size(channel)
+        # a definition is in the chunk, and again at the end of the file for readers that seek
         self._pending_size += size
         self._end_size += size
         return number
@@ -157,22 +161,19 @@ class McapFile:
 
 def _definition_size(channel: Channel) -> int:
     """Return the maximum size of the records that define a channel and its schema, in bytes."""
-    metadata = sum(len(name) + len(value) for name, value in channel.metadata.items())
-    names = 2 * len(channel.topic) + 2 * len(channel.schema_name)
-    return len(channel.schema) + names + 4 * metadata + 2 * _RECORD_OVERHEAD
-
-
-_NANOSECONDS = 1_000_000_000
+    texts = (channel.topic, channel.schema_name, *channel.metadata, *channel.metadata.values())
+    # a character has at most 4 bytes in UTF-8
+    return len(channel.schema) + 4 * sum(map(len, texts)) + 2 * _RECORD_OVERHEAD
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a recording.
+    """Limits of a recording. It is split into several files if one of the last two is set.
 
     Attributes:
         max_size: maximum size of all files together, in bytes; reaching it ends the recording.
-        split_size: maximum size of one file, in bytes; reaching it begins the next file. 0 for no
-            limit.
+        split_size: maximum size of one file, in bytes; reaching it begins the next file. A file
+            that begins with large maps may become larger. 0 for no limit.
         split_duration: duration after which the next file begins, in seconds; 0 for no limit.
     """
 
@@ -187,11 +188,13 @@ class RecordingFiles:
     An error ends the recording but is not raised, because `RecordingProxy` must keep forwarding.
 
     Args:
-        path: path of the file; the files of a split recording have a number at the end of the name.
+        path: path of the new file, which must not exist. The names of the files of a split
+            recording have a number, from 0, before the suffix.
         limits: limits of size and duration.
         on_new_file: called with each new file, to write the start of the file, e.g. the last map.
-        on_early_end: called once with the reason if the recording ends before `close`.
-        profile: profile in the header of the files.
+        on_early_end: called once with the reason if the recording ends before `close`, or if
+            `close` fails.
+        profile: MCAP profile, for the header of the files; empty for none.
 
     Attributes:
         paths: paths of the files so far.
@@ -221,12 +224,13 @@ class RecordingFiles:
         self._closed_count: Counter[str] = Counter()
         """Number of messages in the completed files, by topic."""
         self._start: int | None = None
-        """Log time of the first message that was passed to `add` for the current file, in ns."""
+        """Log time of the first message of `add` in the current file, in ns; None without one."""
         self._begin_size = 0
         """Upper bound of the size of the current file right after `on_new_file`, in bytes."""
-        self._split_after = limits.split_duration * _NANOSECONDS or math.inf
-        """Duration after which the next file begins, in ns."""
+        self._split_after = limits.split_duration * 1e9 or math.inf
+        """Duration after which the next file begins, in ns; infinite without a limit."""
         self._file: McapFile | None = None
+        """The current file; None after the end of the recording."""
         self._begin_file()
 
     @property
@@ -236,7 +240,7 @@ class RecordingFiles:
 
     @property
     def has_pending(self) -> bool:
-        """True if messages have been added since the last flush."""
+        """True if there are messages that have not been written to the current file."""
         return self._file is not None and bool(self._file.pending)
 
     def count(self, topic: str) -> int:
@@ -265,16 +269,17 @@ class RecordingFiles:
 
         def work(_: McapFile) -> None:
             self._apply_limits(channel, log_time, data)
-            if self._file is not None:  # the next file, if a limit was reached
-                self._file.add(channel, log_time, published, data)
-                if self._start is None:
-                    self._start = log_time
+            if self._file is None:
+                return
+            self._file.add(channel, log_time, published, data)  # perhaps the next file
+            if self._start is None:
+                self._start = log_time
 
         self._write(work)
         return self._file is not None
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
-        """Write an attachment, unless it is too large for the limits."""
+        """Write an attachment, unless it would exceed `max_size`; `log_time` is its time, in ns."""
 
         def work(file: McapFile) -> None:
             if self._closed_size + file.max_size + len(data) <= self._limits.max_size:
@@ -295,7 +300,7 @@ class RecordingFiles:
         self._write(lambda _: self._close_file())
 
     def _write(self, work: Callable[[McapFile], None]) -> None:
-        """Call `work` with the current file, if there is one; an OSError ends the recording."""
+        """Call `work` with the current file, if any; an OSError in it ends the recording."""
         if self._file is not None:
             try:
                 work(self._file)
@@ -312,12 +317,17 @@ class RecordingFiles:
         size = file.max_size + growth
         if self._closed_size + size > limits.max_size:
             self._close_file()
-            self._end_early(f"{self._path} has reached its size limit of {limits.max_size} bytes")
-        elif self._start is not None and (
-            size > self._max_file_size() or log_time - self._start >= self._split_after
-        ):
+            self._end_at_limit()
+            return
+        if self._start is None:  # the file has no message yet: the next one would not be smaller
+            return
+        is_too_large = size > self._max_file_size()
+        if is_too_large or log_time - self._start >= self._split_after:
             self._close_file()
-            self._begin_file()
+            file = self._begin_file()
+            if self._closed_size + file.max_size + file.growth_by(channel, data) > limits.max_size:
+                self._remove_file(file)
+                self._end_at_limit()
 
     def _max_file_size(self) -> int:
         """Return the maximum size of the current file, in bytes."""
@@ -325,11 +335,11 @@ class RecordingFiles:
         split = self._limits.split_size
         if not split:
             return left
-        if self._begin_size > split / 2:  # a large map would leave room for few messages, or none
+        if self._begin_size > split / 2:  # large maps would leave room for few messages, or none
             split += self._begin_size
         return min(left, split)
 
-    def _begin_file(self) -> None:
+    def _begin_file(self) -> McapFile:
         path = self._path
         if self._limits.split_size or self._limits.split_duration:
             path = path.with_name(f"{path.stem}_{len(self.paths)}{path.suffix}")
@@ -338,6 +348,7 @@ class RecordingFiles:
         self._on_new_file(self._file)
         self._file.flush()
         self._start, self._begin_size = None, self._file.max_size
+        return self._file
 
     def _close_file(self) -> None:
         file = self._file
@@ -347,7 +358,19 @@ class RecordingFiles:
         self._closed_size += file.path.stat().st_size
         self._closed_count.update(file.written)
 
+    def _remove_file(self, file: McapFile) -> None:
+        """Remove the current file, which has no messages of `add`."""
+        self._file = None
+        file.abandon()
+        file.path.unlink()
+        self.paths.remove(file.path)
+
+    def _end_at_limit(self) -> None:
+        limit = self._limits.max_size
+        self._end_early(f"{self._path} has reached its size limit of {limit} bytes")
+
     def _fail(self, error: OSError) -> None:
+        """End the recording because of an error; keep what has been written."""
         path = self._path
         if self._file is not None:
             path = self._file.path

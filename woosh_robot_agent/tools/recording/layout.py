@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
-from google.protobuf import message_factory
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
+from google.protobuf import message_factory, text_format
+from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from google.protobuf.descriptor_pool import DescriptorPool
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_protobuf.schema import build_file_descriptor_set
@@ -44,7 +44,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A change of a connection, such as its end.
+    """A change of a connection between a client and the chassis, such as its end.
 
     Attributes:
         t: time since the start of the recording, in seconds.
@@ -52,7 +52,7 @@ class Event:
         kind: `open`, `close`, `refused` (a client connected, but the chassis could not be reached)
             or `unreadable` (the rest of one direction cannot be parsed into frames).
         by: side that caused the event.
-        text: human-readable explanation.
+        text: explanation for people, e.g. the client's address; may be empty.
     """
 
     t: float
@@ -72,8 +72,8 @@ class Recording:
     Attributes:
         address: address of the recorded chassis.
         started: Unix time of the start, in seconds.
-        records: frames and events, in order.
-        damage: why the end of a file is missing; empty if all files are complete.
+        records: frames and events, in the order of the files.
+        damage: why the end of a file, or of several, is missing; empty if all are complete.
         missing_parts: zero-based numbers of the missing files of a split recording. Files missing
             at its end cannot be detected.
     """
@@ -93,9 +93,9 @@ class Channel:
         topic: name of the channel.
         schema_name: name of the messages' type.
         schema: definition of the type and of all types that it uses.
-        schema_encoding: language of the definition.
-        message_encoding: encoding of the messages.
-        metadata: further properties.
+        schema_encoding: language of the definition, by MCAP's name, e.g. `protobuf` or `ros2msg`.
+        message_encoding: encoding of the messages, by MCAP's name, e.g. `protobuf` or `cdr`.
+        metadata: further properties, e.g. the QoS profiles of a ROS topic.
     """
 
     topic: str
@@ -119,54 +119,47 @@ ROBOT_METADATA = "robot"
 VERSION = "2"
 """Version of the layout."""
 ROS_PROFILE = "ros2"
-"""Profile, as rosbag2 knows it, in the header of the files of ROS topics."""
-_PACKAGE = "woosh_robot_agent.recording"
-_TYPES = {
-    "uint32": FieldDescriptorProto.TYPE_UINT32,
-    "string": FieldDescriptorProto.TYPE_STRING,
-    "bytes": FieldDescriptorProto.TYPE_BYTES,
+"""MCAP profile of the files of ROS topics, by which rosbag2 knows them."""
+_PROTO = """
+name: "woosh_robot_agent.recording.proto"
+package: "woosh_robot_agent.recording"
+syntax: "proto3"
+message_type {
+  name: "Frame"
+  field { number: 1 name: "connection" type: TYPE_UINT32 }
+  field { number: 2 name: "sender" type: TYPE_STRING }
+  # a text frame, a binary frame, or a text frame that is not valid UTF-8
+  field { number: 3 name: "text" type: TYPE_STRING oneof_index: 0 }
+  field { number: 4 name: "binary" type: TYPE_BYTES oneof_index: 0 }
+  field { number: 5 name: "invalid_text" json_name: "invalid_text" type: TYPE_BYTES oneof_index: 0 }
+  oneof_decl { name: "content" }
 }
-_MESSAGES = {
-    # One of text, binary and invalid_text is present: a text frame, a binary frame, or a text frame
-    # that is not valid UTF-8.
-    "Frame": "uint32 connection, string sender, string text, bytes binary, bytes invalid_text",
-    "ConnectionEvent": "uint32 connection, string kind, string by, string text",
+message_type {
+  name: "ConnectionEvent"
+  field { number: 1 name: "connection" type: TYPE_UINT32 }
+  field { number: 2 name: "kind" type: TYPE_STRING }
+  field { number: 3 name: "by" type: TYPE_STRING }
+  field { number: 4 name: "text" type: TYPE_STRING }
 }
-"""Fields of the messages, numbered from 1."""
-_CONTENT = ("text", "binary", "invalid_text")
-"""Fields of a frame of which only one is present."""
+"""
+"""The message types of the recorder's own channels, as a FileDescriptorProto in text format."""
 
 
 def _compile() -> dict[str, Any]:
-    """Return the message classes by name.
+    """Return the message classes of `_PROTO` by name.
 
     The classes are not in the default pool of descriptors, and not in `pb`, which holds only the
     chassis's messages.
     """
-    file = FileDescriptorProto(name=f"{_PACKAGE}.proto", package=_PACKAGE, syntax="proto3")
-    for name, fields in _MESSAGES.items():
-        message = file.message_type.add(name=name)
-        for number, each in enumerate(fields.split(", "), start=1):
-            type_name, field_name = each.split()
-            added = message.field.add(
-                name=field_name,
-                json_name=field_name,
-                number=number,
-                type=_TYPES[type_name],
-                label=FieldDescriptorProto.LABEL_OPTIONAL,
-            )
-            if name == "Frame" and field_name in _CONTENT:
-                added.oneof_index = 0
-        if name == "Frame":
-            message.oneof_decl.add(name="content")
+    file = text_format.Parse(_PROTO, FileDescriptorProto())
     pool = DescriptorPool()
     pool.Add(file)
-    found = {name: pool.FindMessageTypeByName(f"{_PACKAGE}.{name}") for name in _MESSAGES}
     # protobuf before 4.22 has only MessageFactory
     make: Any = getattr(message_factory, "GetMessageClass", None) or (
         message_factory.MessageFactory(pool).GetPrototype  # type: ignore[attr-defined]
     )
-    return {name: make(descriptor) for name, descriptor in found.items()}
+    names = [message.name for message in file.message_type]
+    return {name: make(pool.FindMessageTypeByName(f"{file.package}.{name}")) for name in names}
 
 
 _CLASSES = _compile()

@@ -24,9 +24,9 @@ from woosh_robot_agent.tools.recording.streams import (
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 _BURST = 20
-"""Number of reads that may follow each other at once."""
+"""Number of reads that may follow each other without a delay after a pause."""
 _LARGE = 16 * 1024
-"""Size of a read that is worth its wake-up, so that the next read follows at once, in bytes."""
+"""Size from which a read is large enough that the next one need not be delayed, in bytes."""
 
 
 class ReadPace:
@@ -36,7 +36,7 @@ class ReadPace:
 
     Args:
         transport: transport that the stream is read from.
-        period: time between two reads at high rates, in seconds.
+        period: minimum average time between two reads, in seconds.
         now: returns the time, in seconds; by default the time of the event loop.
     """
 
@@ -51,7 +51,7 @@ class ReadPace:
         self._period = period
         self._now = now or asyncio.get_running_loop().time
         self._due = 0.0
-        """Loop time at which the next read would follow at an even rate."""
+        """Time by `now` at which the next read is due if each takes `period`."""
 
     async def wait(self, size: int) -> None:
         """Wait until the next read may follow.
@@ -62,7 +62,7 @@ class ReadPace:
         if size >= _LARGE:
             return
         now = self._now()
-        # after a pause, up to _BURST reads may follow each other without a delay
+        # a pause counts for at most _BURST reads
         self._due = max(self._due, now - _BURST * self._period) + self._period
         if self._due > now:
             self._transport.pause_reading()
@@ -76,7 +76,7 @@ _CHUNK_SIZE = 256 * 1024
 _LINGER_TIMEOUT = 5.0
 """Time that one side gets to close the connection after the other side did, in seconds."""
 READ_PERIOD = 0.005
-"""Time between two reads of frames that arrive at high rates, in seconds."""
+"""Minimum average time between two reads while a client waits for the frames, in seconds."""
 _FLUSH_PERIOD = 1.0
 """Time between two flushes of the file, in seconds."""
 
@@ -87,7 +87,7 @@ class _Connection:
 
     Attributes:
         number: number of the connection, from 1.
-        writers: stream to the client, and the stream to the chassis once it is connected.
+        writers: stream to the client, and after it the stream to the chassis once there is one.
         has_ended: True once the end of the connection has been recorded.
     """
 
@@ -99,11 +99,13 @@ class _Connection:
 class RecordingProxy:
     """A proxy that records frames; bytes that it cannot parse are forwarded, too.
 
+    For each client, it opens a connection of its own to the chassis.
+
     Args:
-        chassis: address of the chassis; for each client, the proxy connects to the chassis.
+        chassis: address, transport, frame size limit and connect timeout of the chassis.
         writer: writer of the recording.
-        read_period: time between two reads of frames that arrive at high rates, in seconds. It
-            delays such frames.
+        read_period: minimum average time between two reads, in seconds. Frames that arrive at a
+            higher rate are delayed by up to this time.
     """
 
     def __init__(
@@ -115,8 +117,11 @@ class RecordingProxy:
         self._recorder = FrameRecorder(writer)
         self._log = LogOnce(_LOG)
         self._count = 0
+        """Number of clients so far."""
         self._tasks: set[asyncio.Task[None]] = set()
+        """The task that flushes, and one task for each client."""
         self._listener: Listener | None = None
+        self._is_stopping = False
 
     async def start(self, host: str, port: int) -> int:
         """Listen for clients.
@@ -129,16 +134,16 @@ class RecordingProxy:
             The port in use.
 
         Raises:
-            OSError: the port is in use.
+            OSError: the proxy cannot listen there, e.g. because the port is in use.
         """
         self._listener = Listener(await asyncio.start_server(self._serve, host, port))
         self._tasks.add(asyncio.get_running_loop().create_task(self._flush()))
         return self._listener.port
 
     async def stop(self) -> None:
-        """Drop all clients and stop listening; the writer stays open."""
-        tasks = tuple(self._tasks)
-        await cancel_and_wait(*tasks)
+        """Drop all clients, stop listening and record what has arrived; the writer stays open."""
+        self._is_stopping = True
+        await cancel_and_wait(*self._tasks)
         if self._listener is not None:
             await self._listener.close()
         self._recorder.close()
@@ -150,6 +155,9 @@ class RecordingProxy:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one client until its connection ends, and record the end."""
+        if self._is_stopping:  # `stop` has cancelled the tasks of the other clients
+            abort_transport(writer.transport)
+            return
         task = asyncio.current_task()
         assert task is not None
         self._tasks.add(task)
@@ -173,7 +181,10 @@ class RecordingProxy:
         client_reader: asyncio.StreamReader,
         client_writer: asyncio.StreamWriter,
     ) -> None:
-        """Connect to the chassis, and copy both directions until one of them ends."""
+        """Connect to the chassis, and copy both directions until they end.
+
+        When one direction has ended, the other one has `_LINGER_TIMEOUT` to end, too.
+        """
         config = self._chassis
         peer = client_writer.get_extra_info("peername")
         try:
@@ -181,7 +192,7 @@ class RecordingProxy:
             chassis_reader, chassis_writer = await run_with_timeout(config.connect_timeout, opening)
         except OSError as error:
             reason = system_text(error)
-            if isinstance(error, TimeoutError) and not error.errno:  # not the system's own timeout
+            if isinstance(error, TimeoutError) and not error.errno:  # of `run_with_timeout`
                 reason = f"no answer within {config.connect_timeout:g} s"
             self._recorder.add_event(connection.number, "refused", "chassis", reason)
             self._log.warn("refused", f"{config.address} cannot be reached: {reason}")
@@ -211,7 +222,7 @@ class RecordingProxy:
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
     ) -> None:
-        """Copy one direction until its end; forward each piece before recording it."""
+        """Copy from `reader` to `writer` until the end; forward each piece before recording it."""
         direction = Direction(
             connection.number,
             sender,
@@ -241,14 +252,14 @@ class RecordingProxy:
             abort_transport(writer.transport)
 
     def _end(self, connection: _Connection, by: Side, how: str) -> None:
-        """Record the end of a connection, unless a close frame was recorded before."""
+        """Record in the recorder's thread that a connection has ended now."""
         self._recorder.call(self._record_end, connection, by, how, self._writer.now())
 
     def _record_end(self, connection: _Connection, by: Side, how: str, at: int) -> None:
-        """Record the end of a connection, in the thread of the recorder.
+        """Record the end of a connection; runs in the recorder's thread.
 
-        Only the first call after both sides connected counts. The other side may end much later,
-        when the client has connected again.
+        Only the first end counts, which may be a close frame. The other side may end much later,
+        when the client has connected again. A connection without the chassis had no begin.
         """
         if not connection.has_ended and len(connection.writers) == 2:
             connection.has_ended = True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import IO, Any
@@ -29,7 +30,6 @@ from woosh_robot_agent.tools.recording.layout import (
     Record,
     Recording,
     RecordingError,
-    Side,
 )
 
 _DAMAGE = (
@@ -45,8 +45,7 @@ _DAMAGE = (
 )
 """Errors that the library raises for damaged contents."""
 _MAX_CHUNK = 256 * 1024 * 1024
-"""Maximum size of a decompressed chunk, in bytes. `record` ends a chunk with the first frame after
-1 MiB."""
+"""Maximum size of a decompressed chunk, in bytes. `record` writes chunks of 1 MiB and one frame."""
 
 
 class _Stream:
@@ -62,44 +61,27 @@ class _Stream:
         return data
 
 
+@dataclass
 class _Part:
-    """Contents of one file of a recording, which is a part if the recording was split."""
+    """Contents of one file of a recording, which is a part if the recording was split.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.metadata: dict[str, str] = {}
-        self.messages: list[tuple[int, Any]] = []
-        """The messages on the channels that are replayed, with their log times."""
-        self.damage = ""
-        """Why the end of the file is missing; empty if the file is complete."""
-        self.has_ros_topics = False
-        """True for a file of `record --ros`, which is not read further."""
+    Attributes:
+        path: path of the file.
+        metadata: metadata of the recording; empty until they are read.
+        messages: messages on `FRAMES` and `EVENTS`, with their log times as Unix time in ns.
+        damage: why the end of the file is missing; empty if the file is complete.
+        has_ros_topics: True for a file of `record --ros`, whose contents are not read.
+    """
 
-    def read(self) -> None:
-        """Read the file up to its end, or up to where it is damaged.
+    path: Path
+    metadata: dict[str, str] = field(default_factory=dict)
+    messages: list[tuple[int, Any]] = field(default_factory=list)
+    damage: str = ""
+    has_ros_topics: bool = False
 
-        Raises:
-            RecordingError: the file cannot be read, or is no MCAP file.
-        """
-        try:
-            opened = self.path.open("rb")
-        except OSError as error:
-            raise RecordingError(f"cannot read {self.path}: {error.strerror}") from None
-        with opened as file:
-            try:
-                self._read(_records(file))
-            except InvalidMagic:
-                raise RecordingError(
-                    f"{self.path} is not a recording: it is no MCAP file; replay a file in the "
-                    "former format (.jsonl) with the release that recorded it"
-                ) from None
-            except EndOfFile:
-                self.damage = f"{self.path} has no end"
-            except _DAMAGE as error:
-                self.damage = f"{self.path} is damaged: {error or type(error).__name__}"
-
-    def _read(self, records: Iterator[Any]) -> None:
-        classes: dict[int, Any] = {}
+    def read(self, records: Iterator[Any]) -> None:
+        """Take over the contents of the MCAP records of the file."""
+        classes: dict[int, Any] = {}  # classes of the messages, by the number of their channel
         for record in records:
             if isinstance(record, Header):
                 self.has_ros_topics = record.profile == ROS_PROFILE
@@ -117,7 +99,11 @@ class _Part:
 
 
 def _records(file: IO[bytes]) -> Iterator[Any]:
-    """Yield the records of a file; a chunk that expands to more than `_MAX_CHUNK` is damage."""
+    """Yield the MCAP records of a file.
+
+    Raises:
+        McapError: a chunk expands to more than `_MAX_CHUNK`; or another of `_DAMAGE`.
+    """
     reader = StreamReader(_Stream(file), emit_chunks=True, validate_crcs=True)  # type: ignore[arg-type]
     for record in reader.records:
         if not isinstance(record, Chunk):
@@ -139,10 +125,11 @@ def read_recording(*paths: Path) -> Recording:
             `record --ros` writes in addition, are ignored.
 
     Raises:
-        RecordingError: a file cannot be read or is not a recording, or the files are of different
-            recordings.
+        RecordingError: a file cannot be read, is not a recording, is given twice or has only ROS
+            topics, or the files are of different recordings.
     """
-    parts = [part for path in paths if not (part := _read_part(path)).has_ros_topics]
+    parts = [_read_part(path) for path in paths]
+    parts = [part for part in parts if not part.has_ros_topics]
     if not parts:
         raise RecordingError(
             f"{paths[0]} has only ROS topics: play it with ros2 bag play, or replay the file "
@@ -169,13 +156,26 @@ def read_recording(*paths: Path) -> Recording:
 
 
 def _read_part(path: Path) -> _Part:
-    """Read one file.
+    """Read one file up to its end, or up to where it is damaged.
 
     Raises:
         RecordingError: the file cannot be read, or has no recording of the supported layout.
     """
     part = _Part(path)
-    part.read()
+    try:
+        with path.open("rb") as file:
+            part.read(_records(file))
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror}") from None
+    except InvalidMagic:
+        raise RecordingError(
+            f"{path} is not a recording: it is no MCAP file; replay a file in the former format "
+            "(.jsonl) with the release that recorded it"
+        ) from None
+    except EndOfFile:
+        part.damage = f"{path} has no end"
+    except _DAMAGE as error:
+        part.damage = f"{path} is damaged: {error or type(error).__name__}"
     if part.has_ros_topics:
         return part
     version = part.metadata.get("version")
@@ -192,21 +192,20 @@ def _read_part(path: Path) -> _Part:
 
 
 def _record(t: float, message: Any) -> Record:
+    """Return a message of a file as a record; raise `RecordingError` for unknown contents."""
     if isinstance(message, EventMessage):
         if message.kind not in EVENT_KINDS:
             raise RecordingError(f"unknown event {message.kind!r}")
-        return Event(t, message.connection, message.kind, _side(message.by), message.text)
-    sender = _side(message.sender)
+        _check_side(message.by)
+        return Event(t, message.connection, message.kind, message.by, message.text)
+    _check_side(message.sender)
     content = message.WhichOneof("content")
     if content is None:
         raise RecordingError("a frame has no content")
-    return Frame(
-        t, message.connection, sender, getattr(message, content), content == "invalid_text"
-    )
+    data, invalid = getattr(message, content), content == "invalid_text"
+    return Frame(t, message.connection, message.sender, data, invalid)
 
 
-def _side(name: str) -> Side:
-    for side in SIDES:
-        if name == side:
-            return side
-    raise RecordingError(f"unknown side {name!r}")
+def _check_side(name: str) -> None:
+    if name not in SIDES:
+        raise RecordingError(f"unknown side {name!r}")

@@ -51,9 +51,9 @@ if TYPE_CHECKING:  # needs ROS
 _LOG = logging.getLogger(__name__)
 _LOCALHOST = "127.0.0.1"
 _OWN_READ_PERIOD = 0.02
-"""Time between two reads at high rates without --listen, when no client waits, in seconds."""
+"""Minimum average time between two reads without --listen, when no client waits, in seconds."""
 _MAX_LOSSES = 2
-"""Number of connections lost during a query of a type after which that type is not sent again."""
+"""Number of connections lost in a row during a type of query after which it is not sent again."""
 _EPILOG = """\
 With --listen, record is a proxy between the agent and the robot: connect the
 agent to it, and all traffic is recorded, commands included.
@@ -73,8 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: arguments of the program; by default from the command line.
 
     Returns:
-        The exit status: 0, or 1 if the program could not listen, the recording ended early,
-        nothing was recorded, or frames or ROS messages were lost.
+        The exit status: 0, or 1 if the recording could not start or ended early, the robot sent
+        nothing, or frames or ROS messages were lost or, with `--ros`, never came.
     """
     parser = make_parser()
     options = parser.parse_args(arguments)
@@ -154,11 +154,11 @@ def _mebibytes(text: str) -> int:
 class PassiveClient:
     """A client that subscribes to all pushes and sends each query once per connection.
 
-    A query during which several connections were lost is not sent again. The client discards
+    A query during which `_MAX_LOSSES` connections were lost is not sent again. The client discards
     everything that it receives, because the proxy records the frames.
 
     Args:
-        config: address of the proxy.
+        config: configuration of the link to the proxy.
         with_large: True to subscribe also to large pushes: laser scans and growing maps.
     """
 
@@ -166,7 +166,7 @@ class PassiveClient:
         self._chassis = ChassisClient(config=config)
         self._chassis.on_snapshot(self._on_snapshot)
         self._scene = ""
-        """Name of the current scene, for the request of its map."""
+        """Name of the current scene, for the request of its maps; empty if unknown."""
         for topic in TOPICS:
             if with_large or not topic.on_demand:
                 self._chassis.subscribe_raw(message_type(topic.push), lambda _: None)
@@ -174,7 +174,8 @@ class PassiveClient:
         self._chassis.on_state(self._on_state)
         self._queries: asyncio.Task[None] | None = None
         self._losses: Counter[str] = Counter()
-        """Number of connections lost during a query since its last answer, by its type."""
+        """Number of connections lost during a query since its last answer, by type; a query in
+        flight counts already."""
 
     def start(self) -> None:
         """Connect, and reconnect whenever the connection is lost."""
@@ -198,17 +199,17 @@ class PassiveClient:
             self._queries.cancel()
 
     async def _query_all(self) -> None:
-        """Send each query, so that the replayed chassis can answer it."""
+        """Send each query, one after the other, so that `replay` can answer it."""
         make = RequestMaker(self._chassis.config.robot_id)
         names = dict.fromkeys(query.request for query in QUERIES)
         requests = [make.empty(message_type(name)) for name in names]
         if self._scene:
-            requests.append(make.address(SceneData(name=self._scene)))  # has the map
+            requests.append(make.address(SceneData(name=self._scene)))  # its answer has the maps
         for request in requests:
             name = full_name(request)
             if self._losses[name] >= _MAX_LOSSES:  # perhaps it makes the robot end the connection
                 continue
-            self._losses[name] += 1  # before the answer: a lost connection may cancel this task
+            self._losses[name] += 1  # in advance: a lost connection may cancel this task
             try:
                 await self._chassis.request(request)
             except LinkError as error:
@@ -269,7 +270,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
 
 
 async def _listen(proxy: RecordingProxy, host: str, port: int) -> int:
-    """Start the proxy; return its port."""
+    """Start the proxy; return its port. Raise `RecordingError` if it cannot listen."""
     try:
         return await proxy.start(host, port)
     except OSError as error:
@@ -280,6 +281,7 @@ async def _listen(proxy: RecordingProxy, host: str, port: int) -> int:
 def _start_ros(
     options: argparse.Namespace, limits: Limits, on_early_end: Callable[[str], None]
 ) -> RosRecorder:
+    """Start the recording of ROS topics. Raise `RecordingError` if that is not possible."""
     try:
         from woosh_robot_agent.tools.recording.ros_recorder import RosRecorder
     except ImportError as error:
@@ -299,7 +301,7 @@ def _start_ros(
 def _report_frames(
     writer: RecordingWriter, config: LinkConfig, options: argparse.Namespace
 ) -> bool:
-    """Print the result of a recording; return True if something is missing."""
+    """Print the result of the recording of frames; return True if something is missing."""
     if writer.frames:
         print(
             f"recorded {writer.frames} frames of {writer.connections} connections to "
@@ -345,20 +347,20 @@ def _cannot_create(error: OSError) -> str:
 
 
 def _names(paths: Sequence[Path]) -> str:
-    if len(paths) < 2:
+    if len(paths) == 1:
         return str(paths[0])
     return f"{len(paths)} files, {paths[0]} to {paths[-1]}"
 
 
 def _print_instructions(config: LinkConfig, host: str, port: int, path: Path) -> None:
+    """Print how to connect the agent to the proxy at `host` and `port`."""
+    parameters = {"ip": host, "port": port, "transport": config.transport}
+    for name in ("encoding", "robot_id"):
+        if getattr(config, name) != getattr(LinkConfig, name):
+            parameters[name] = getattr(config, name)
+    arguments = " ".join(f"-p {name}:={value}" for name, value in parameters.items())
     print(
         f"recording {config.address} to {path}; connect the agent to {host}:{port}, e.g. with\n"
-        f"  ros2 run woosh_robot_agent agent --ros-args -r __ns:=/woosh_robot "
-        f"-p ip:={host} -p port:={port} -p transport:={config.transport}"
-        + "".join(
-            f" -p {name}:={getattr(config, name)}"
-            for name in ("encoding", "robot_id")
-            if getattr(config, name) != getattr(LinkConfig, name)
-        ),
+        f"  ros2 run woosh_robot_agent agent --ros-args -r __ns:={NAMESPACE} {arguments}",
         flush=True,
     )

@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: arguments of the program; by default from the command line.
 
     Returns:
-        The exit status: 0, or 1 if the file cannot be read or a port is in use.
+        The exit status: 0, or 1 if a file cannot be used or the program cannot listen.
     """
     parser = make_parser()
     options = parser.parse_args(arguments)
@@ -43,11 +43,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         recording = read_recording(*options.file)
         playback = prepare(recording)
+        _print_summary(options.file[0], playback, recording)
+        asyncio.run(_run(playback, options))
     except RecordingError as error:
         print(printable(f"error: {error}"), file=sys.stderr)
         return 1
-    _print_summary(options.file[0], playback, recording)
-    return asyncio.run(_run(playback, options))
+    return 0
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -112,7 +113,8 @@ def _print_summary(path: Path, playback: Playback, recording: Recording) -> None
         )
 
 
-async def _run(playback: Playback, options: argparse.Namespace) -> int:
+async def _run(playback: Playback, options: argparse.Namespace) -> None:
+    """Play until a signal; raise `RecordingError` if the program cannot listen."""
     stop = stop_event()
     warn_if_not_local(options.host, "can read what was recorded")
     chassis = ReplayedChassis(
@@ -127,12 +129,10 @@ async def _run(playback: Playback, options: argparse.Namespace) -> int:
     try:
         await chassis.start()
     except OSError as error:
-        print(
-            f"error: cannot listen on {options.host}: {error.strerror or error}; "
-            "choose another address or other ports: --host, --port and --tcp-port",
-            file=sys.stderr,
-        )
-        return 1
+        raise RecordingError(
+            f"cannot listen on {options.host}: {error.strerror or error}; choose another address "
+            "or other ports: --host, --port and --tcp-port"
+        ) from None
     try:
         host = url_host(options.host)
         print(
@@ -140,7 +140,6 @@ async def _run(playback: Playback, options: argparse.Namespace) -> int:
             f"and tcp://{host}:{chassis.tcp_port}",
             flush=True,
         )
-        await stop.wait()
+        await chassis.wait(stop)
     finally:
         await chassis.stop()
-    return 0

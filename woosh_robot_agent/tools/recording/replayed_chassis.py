@@ -12,6 +12,7 @@ from woosh_robot_agent.link.codecs import JSON, server_codec
 from woosh_robot_agent.link.config import MIB
 from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.server import (
     ConnectedClient,
     Listener,
@@ -21,22 +22,20 @@ from woosh_robot_agent.link.server import (
 )
 from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
+from woosh_robot_agent.tools.recording.layout import RecordingError
 from woosh_robot_agent.tools.recording.timeline import (
     Playback,
     Step,
-    StepKind,
     apply_subscription,
     is_subscription,
 )
 
 
 def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | bytes:
-    """Return a recorded frame in another encoding, and with another serial number.
-
-    A frame that needs no change, or cannot be read, is returned unchanged.
+    """Return a recorded frame in the encoding of a receiver, and with the receiver's serial number.
 
     Args:
-        frame: the recorded frame.
+        frame: the recorded frame of the chassis: a push, or an answer that can be read.
         codec: encoding of the receiver.
         sn: serial number of the receiver's request; None for a push.
     """
@@ -53,6 +52,10 @@ def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | 
 
 
 def _reencode(frame: str | bytes, recorded: Codec, codec: Codec, sn: int | None) -> str | bytes:
+    """Do the work of `transcode` for a frame in another encoding, `recorded`.
+
+    A frame that cannot be read is returned as it is. One of an unknown type loses its body.
+    """
     try:
         envelope = recorded.decode(frame)
         cls = message_types().get(envelope.type)
@@ -76,7 +79,7 @@ _MAX_OUTBOX = 10_000
 _CLOSE_TIMEOUT = 0.3
 """Timeout of the closing handshake with a client, in seconds."""
 _FLUSH_TIMEOUT = 1.0
-"""Time that clients get to receive all frames before a recorded loss, in seconds."""
+"""Time that clients get to receive all frames before they are dropped, in seconds."""
 _FLUSH_CHECK_PERIOD = 0.01
 """Time between two checks of whether clients have received all frames, in seconds."""
 
@@ -86,6 +89,7 @@ class ReplayedChassis:
 
     The playback pauses at the start and after each recorded loss of the connection until a client
     has subscribed. So a client misses nothing if it connects later than the recorded client did.
+    After the end of the recording, clients still get answers.
 
     Args:
         playback: the recording.
@@ -98,8 +102,8 @@ class ReplayedChassis:
             command of its type.
 
     Attributes:
-        port: port of the WebSocket transport, after the start.
-        tcp_port: port of the TCP transport, after the start.
+        port: port of the WebSocket transport; the actual one after `start`.
+        tcp_port: port of the TCP transport; the actual one after `start`.
         rounds: number of times that the recording was played to its end.
     """
 
@@ -124,15 +128,15 @@ class ReplayedChassis:
         self._wait_for_commands = wait_for_commands
         self._listeners: list[Listener] = []
         self._clients: dict[ConnectedClient, Codec] = {}
-        """The clients, each with the encoding of its last frame."""
+        """The clients, each with the encoding of its last frame; JSON before the first."""
         self._commands: Counter[str] = Counter()
         """Number of requests received in this round, by type."""
-        self._unknown: set[str] = set()
-        """Types that were requested but not recorded."""
+        self._log = LogOnce(_LOG)
         self._changed = asyncio.Event()
         """Set when a client connects or sends a frame."""
         self._base: tuple[float, float] | None = None
-        """Loop time and recording time of the same moment; None until the playback has started."""
+        """Loop time and recording time of the same moment, in seconds. None until a client has
+        subscribed or sent an awaited command; until then, steps are not delayed."""
         self._player: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> ReplayedChassis:
@@ -146,10 +150,28 @@ class ReplayedChassis:
         """Listen for clients and start the playback.
 
         Raises:
-            OSError: a port is in use.
+            OSError: it cannot listen, e.g. because a port is in use.
         """
         await self._listen()
         self._player = asyncio.get_running_loop().create_task(self._play())
+
+    async def wait(self, stop: asyncio.Event) -> None:
+        """Wait until `stop` is set, also after the end of the recording.
+
+        Raises:
+            RecordingError: the ports, closed during a recorded loss, cannot be opened again.
+        """
+        assert self._player is not None
+        stopped = asyncio.ensure_future(stop.wait())
+        await asyncio.wait({stopped, self._player}, return_when=asyncio.FIRST_COMPLETED)
+        if self._player.done():
+            try:
+                self._player.result()
+            except OSError as error:
+                stopped.cancel()
+                reason = error.strerror or error
+                raise RecordingError(f"cannot listen again on {self._host}: {reason}") from None
+        await stopped
 
     async def stop(self) -> None:
         """End the playback, drop all clients and stop listening."""
@@ -160,6 +182,7 @@ class ReplayedChassis:
     # Playback
 
     async def _play(self) -> None:
+        """Play the recording once, or in a loop."""
         loop = asyncio.get_running_loop()
         while True:
             await self._listen()  # the recording may have ended while the ports were closed
@@ -172,9 +195,12 @@ class ReplayedChassis:
                     resumed_at, recorded_at = self._base
                     due = resumed_at + (step.t - recorded_at) / self._speed
                     await asyncio.sleep(max(0.0, due - loop.time()))
-                if step.kind is StepKind.COMMAND:
+                if step.kind == "command":
                     recorded[step.type] += 1
-                await self._carry_out(step, recorded[step.type])
+                    if self._wait_for_commands:
+                        await self._wait_for_command(step, recorded[step.type])
+                else:
+                    await self._carry_out(step)
             self.rounds += 1
             _LOG.info("end of the recording%s", ", starting again" if self._loop else "")
             if not self._loop:
@@ -183,38 +209,35 @@ class ReplayedChassis:
             await self._wait_until_received()
             self._drop_clients()
 
-    async def _carry_out(self, step: Step, commands: int) -> None:
-        """Carry out one step.
-
-        Args:
-            step: the step.
-            commands: for a command: number of recorded commands of its type up to this step.
-        """
-        if step.kind is StepKind.PUSH:
+    async def _carry_out(self, step: Step) -> None:
+        """Carry out one step that is not a command."""
+        if step.kind == "push":
             self._push(step)
-        elif step.kind is StepKind.OPEN:
+        elif step.kind == "open":
             await self._listen()
-        elif step.kind is StepKind.LOST:
+        elif step.kind == "lost":
             _LOG.info("%.3f s: dropping the connection, as recorded", step.t)
             await self._wait_until_received()
             await self._go_offline()
-        elif step.kind is StepKind.SUBSCRIBED:
+        elif step.kind == "subscribed":
             await self._wait_for_client(subscribed=True)
             self._resume_at(step)
-        elif step.kind is StepKind.COMMAND and self._wait_for_commands:
-            if self._commands[step.type] < commands:
-                _LOG.info(
-                    "%.3f s: paused until a client sends %s; recorded: %.500s",
-                    step.t,
-                    step.type,
-                    step.frame,
-                )
-            while self._commands[step.type] < commands:
-                await self._wait_for_change()
-            self._resume_at(step)
+
+    async def _wait_for_command(self, step: Step, count: int) -> None:
+        """Pause until clients have sent `count` commands of the type of `step` in this round."""
+        if self._commands[step.type] < count:
+            _LOG.info(
+                "%.3f s: paused until a client sends %s; recorded: %.500s",
+                step.t,
+                step.type,
+                step.frame,
+            )
+        while self._commands[step.type] < count:
+            await self._wait_for_change()
+        self._resume_at(step)
 
     def _resume_at(self, step: Step) -> None:
-        """Continue the playback with the time of `step` after a pause."""
+        """Make now the moment of `step`, after a pause; later steps are due relative to it."""
         self._base = (asyncio.get_running_loop().time(), step.t)
 
     async def _wait_for_client(self, *, subscribed: bool) -> None:
@@ -223,10 +246,12 @@ class ReplayedChassis:
             await self._wait_for_change()
 
     async def _wait_for_change(self) -> None:
+        """Wait until a client connects or sends a frame."""
         self._changed.clear()
         await self._changed.wait()
 
     def _push(self, step: Step) -> None:
+        """Send a push to the clients that get it, each in its own encoding."""
         for client, codec in list(self._clients.items()):
             if step.subscribed:
                 if step.type not in client.topics:
@@ -237,7 +262,7 @@ class ReplayedChassis:
     # Clients
 
     async def _listen(self) -> None:
-        """Listen on both ports, unless they are open already."""
+        """Listen on both ports, unless they are open already; raise OSError if one is in use."""
         if self._listeners:
             return
         for serve, port in ((serve_websocket, self.port), (serve_tcp, self.tcp_port)):
@@ -250,7 +275,7 @@ class ReplayedChassis:
         self.port, self.tcp_port = (listener.port for listener in self._listeners)
 
     async def _wait_until_received(self) -> None:
-        """Wait until the clients have received all frames, with a timeout."""
+        """Wait until all frames for the clients have been sent, with a timeout."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + _FLUSH_TIMEOUT
         while any(client.unsent for client in self._clients) and loop.time() < deadline:
@@ -306,13 +331,12 @@ class ReplayedChassis:
     def _answer(
         self, client: ConnectedClient, codec: Codec, envelope: Envelope, data: str | bytes
     ) -> None:
+        """Send the recorded answer after the recorded delay, or none, or refuse the request."""
         exchange = self._playback.answers.take(envelope, data)
         if exchange is None:
             text = f"the recording has no request of type {envelope.type}"
-            if envelope.type not in self._unknown:
-                self._unknown.add(envelope.type)
-                types = ", ".join(self._playback.answers.types) or "none"
-                _LOG.warning("request refused: %s; recorded types: %s", text, types)
+            types = ", ".join(self._playback.answers.types) or "none"
+            self._log.warn(envelope.type, f"request refused: {text}; recorded types: {types}")
             client.send(codec.encode("error", None, sn=envelope.sn, ok=False, msg=text))
         elif exchange.answer is None:
             _LOG.info("no answer to %s, as recorded at %.3f s", envelope.type, exchange.t)

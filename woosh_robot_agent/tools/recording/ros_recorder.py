@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -18,29 +19,24 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.ros.releases import SubscriptionEventCallbacks, type_hash
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
-from woosh_robot_agent.tools.recording.layout import ROS_PROFILE, Channel
+from woosh_robot_agent.tools.recording.layout import ROS_PROFILE, Channel, RecordingError
 from woosh_robot_agent.tools.ros_node import NodeThread
 
 _TYPE = re.compile(r"(\w+)/(\w+)")
 """Package and name of a message type within the type of a field."""
 _SEPARATOR = "=" * 80
-
-
-class DefinitionError(Exception):
-    """The definition of a type cannot be read."""
+"""Line before each definition except the first, as rosbag2 expects it."""
 
 
 def definition(name: str) -> str:
-    """Return the definitions of a message type and of all types that it uses.
+    """Return the definitions of a message type and of all types that it uses, in one text.
 
     Args:
         name: package and name of the type, e.g. `nav_msgs/Odometry`.
 
     Raises:
-        DefinitionError: the definition of one of the types cannot be read.
+        RecordingError: the definition of one of the types cannot be read.
     """
-    from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-
     parts: list[str] = []
     for each in _with_dependencies(name):
         package, short = each.split("/")
@@ -48,7 +44,7 @@ def definition(name: str) -> str:
             path = Path(get_package_share_directory(package)) / "msg" / f"{short}.msg"
             text = path.read_text("utf-8")
         except (PackageNotFoundError, OSError) as error:
-            raise DefinitionError(f"the definition of {each} cannot be read: {error}") from None
+            raise RecordingError(f"the definition of {each} cannot be read: {error}") from None
         parts.append(f"{_SEPARATOR}\nMSG: {each}\n{text}" if parts else text)
     return "\n".join(parts)
 
@@ -60,7 +56,7 @@ def _with_dependencies(name: str) -> list[str]:
         try:
             cls: Any = class_of(each)
         except (ImportError, AttributeError) as error:
-            raise DefinitionError(f"the type {each} is not installed: {error}") from None
+            raise RecordingError(f"the type {each} is not installed: {error}") from None
         for field in cls.get_fields_and_field_types().values():
             used = _TYPE.search(field)
             if used and used[0] not in found:
@@ -76,7 +72,7 @@ _FLUSH_PERIOD = 1.0
 _DEPTH = 1000
 """Maximum number of messages of a topic that wait for the recorder; older messages are lost."""
 _AGENT_TOPIC = TOPICS[0].name
-"""Topic whose publisher is taken for the agent's node."""
+"""Topic by which agents are found: each node that publishes it counts as one."""
 _INFINITE = "{sec: 9223372036, nsec: 854775807}"
 """An infinite duration, as rosbag2 writes it."""
 
@@ -88,14 +84,15 @@ class RosRecorder:
 
     Args:
         namespace: namespace of the agent.
-        path: path of the new file; it must not exist.
+        path: path of the new file, which must not exist; see `RecordingFiles` for a split
+            recording.
         limits: limits of size and duration.
-        on_early_end: called once, in the recorder's thread, with the reason if the recording ends
-            before `close`.
+        on_early_end: called with the reason, in the recorder's thread, if the recording ends before
+            `close`, and in the thread that calls `close` if that fails.
 
     Attributes:
-        lost: number of messages that the middleware reports as lost, by topic. Messages of a
-            latched topic that were replaced before the first message arrived do not count.
+        lost: number of messages that the middleware reports as lost, by topic. Losses on a latched
+            topic before its first message do not count.
 
     Raises:
         OSError: the file cannot be created.
@@ -116,9 +113,10 @@ class RosRecorder:
         self._channels: dict[str, Channel] = {}
         """Channels of the recorded topics, by topic."""
         self._unreadable: set[str] = set()
-        """Topics whose type is not installed."""
+        """Topics that are not recorded, because the definition of their type cannot be read."""
         self._on_early_end = on_early_end
         self._has_crashed = False
+        """True once an unexpected error has ended the thread."""
         self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
         self._node.create_timer(_FLUSH_PERIOD, self._files.flush)
         self._thread.start(self._on_crash)
@@ -167,18 +165,20 @@ class RosRecorder:
             except NodeNameNonExistentError:  # the node has just ended, or is not known yet
                 continue
             for topic, types in published:
+                is_known = topic in self._channels or topic in self._unreadable
                 is_hidden = any(part.startswith("_") for part in topic.split("/"))
-                if topic not in self._channels and topic not in self._unreadable and not is_hidden:
+                if not is_known and not is_hidden:
                     self._subscribe(topic, types[0])
 
     def _subscribe(self, topic: str, type_name: str) -> None:
+        """Record a topic; `type_name` is the name of its type, e.g. `nav_msgs/msg/Odometry`."""
         short = type_name.replace("/msg/", "/")
         offered = self._node.get_publishers_info_by_topic(topic)
-        if not offered:  # the topic was found before its publisher
+        if not offered:  # the topic was found before its publisher: `_discover` tries again
             return
         try:
             schema = definition(short).encode()
-        except DefinitionError as error:
+        except RecordingError as error:
             self._unreadable.add(topic)
             _LOG.warning("%s is not recorded: %s", topic, error)
             return
@@ -187,16 +187,17 @@ class RosRecorder:
             topic,
             type_name,
             schema,
-            "ros2msg",
-            "cdr",
-            {
+            schema_encoding="ros2msg",
+            message_encoding="cdr",
+            metadata={
                 "offered_qos_profiles": "\n".join(map(_to_yaml, profiles)),
                 "topic_type_hash": type_hash(offered[0]),
             },
         )
 
         profile = _fitting_all(profiles)
-        # The agent may replace the latched message while it is being sent to the new subscription.
+        # Losses on a latched topic count after its first message: the agent may replace the latched
+        # message while it is being sent to the new subscription.
         counts_losses = profile.durability is not DurabilityPolicy.TRANSIENT_LOCAL
 
         def on_message(data: bytes, info: Mapping[str, int]) -> None:
@@ -231,7 +232,7 @@ def _fitting_all(profiles: list[QoSProfile]) -> QoSProfile:
 
 
 def _to_yaml(profile: QoSProfile) -> str:
-    """Return a profile as rosbag2 stores it, so that `ros2 bag play` publishes with it."""
+    """Return a profile as rosbag2 stores it; `ros2 bag play` publishes with it."""
     return (
         "- history: keep_last\n"
         f"  depth: {profile.depth or 1}\n"

@@ -16,15 +16,15 @@ from woosh_robot_agent.tools.recording.layout import EventKind, Side
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 _protocol: Any
-try:  # websockets 11 and later
+try:
     import websockets.protocol as _protocol
-except ImportError:
+except ImportError:  # before websockets 11, the module and its class had other names
     import websockets.connection as _protocol
 _Protocol: Any = getattr(_protocol, "Protocol", None) or _protocol.Connection
 
 _END_OF_HEADER = b"\r\n\r\n"
 _MAX_HEADER = 64 * 1024
-"""Maximum size of the HTTP header before a WebSocket stream, in bytes."""
+"""Maximum size of the HTTP header before the WebSocket frames, in bytes."""
 _MAX_VARINT = 10
 """Maximum size of a protobuf varint, in bytes."""
 
@@ -62,7 +62,9 @@ class WebSocketParser:
         side = _protocol.Side.SERVER if masked else _protocol.Side.CLIENT
         self._protocol = _Protocol(side, state=_protocol.State.OPEN, max_size=max_size)
         self._fragments: list[bytes] = []
+        """Payloads of the fragments of the frame that is not complete yet."""
         self._is_text = False
+        """True if that frame is a text frame."""
 
     def feed(self, data: bytes) -> Iterator[ParsedFrame]:
         """Yield the frames that these further bytes complete.
@@ -89,12 +91,12 @@ class WebSocketParser:
             raise UnreadableError(f"invalid WebSocket frame: {str(error) or type(error).__name__}")
 
     def _reassemble(self, frame: Any) -> Iterator[ParsedFrame]:
-        """Yield the frame that a WebSocket fragment completes, if any."""
+        """Yield a close frame, or the data frame that a fragment completes, if any."""
         if frame.opcode is Opcode.CLOSE:
             yield ParsedFrame(_close_text(frame.data), close=True)
         if frame.opcode not in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
             return
-        if frame.opcode is not Opcode.CONT:
+        if frame.opcode is not Opcode.CONT:  # the first fragment
             self._is_text = frame.opcode is Opcode.TEXT
         self._fragments.append(bytes(frame.data))
         if frame.fin:
@@ -118,16 +120,17 @@ class DelimitedParser:
         self._buffer += data
         while (prefix := self._parse_size()) is not None:
             size, begin = prefix
+            end = begin + size
             if size > self._max_size:
                 raise UnreadableError(f"frame of {size} bytes exceeds the limit {self._max_size}")
-            if len(self._buffer) < begin + size:
+            if len(self._buffer) < end:
                 return
-            frame = bytes(self._buffer[begin : begin + size])
-            del self._buffer[: begin + size]
+            frame = bytes(self._buffer[begin:end])
+            del self._buffer[:end]
             yield ParsedFrame(frame)
 
     def _parse_size(self) -> tuple[int, int] | None:
-        """Return the next frame's size and offset; None while the size is not complete."""
+        """Return the next frame's size, and its offset in the buffer; None if bytes are missing."""
         size = 0
         for index, byte in enumerate(self._buffer[:_MAX_VARINT]):
             size |= (byte & 0x7F) << 7 * index
@@ -142,6 +145,7 @@ FrameParser = WebSocketParser | DelimitedParser
 
 
 def _close_text(data: bytes) -> bytes:
+    """Return code and reason of a close frame as text."""
     if len(data) < 2:
         return b"without a code"
     return f"code {int.from_bytes(data[:2], 'big')} ".encode() + data[2:]
@@ -149,15 +153,15 @@ def _close_text(data: bytes) -> bytes:
 
 _LOG = logging.getLogger(__name__)
 _BATCH_PERIOD = 0.1
-"""Time for which bytes are collected before the frames in them are recorded, in seconds.
+"""Maximum time for which bytes are collected before the frames in them are recorded, in seconds.
 
-Recording a frame in a batch takes about a third of the time of a single frame, for which the
-processor has to load code and data into its caches again.
+Recording a frame in a batch takes about a third of the time that it takes alone, because the
+processor has the code and data in its caches.
 """
 _MAX_COLLECTED = 1024 * 1024
 """Size of the collected bytes above which the frames in them are recorded at once, in bytes."""
 _MAX_WAITING = 64 * 1024 * 1024
-"""Maximum size of the bytes waiting for a slow disk. Above it, forwarding has to wait, too."""
+"""Total size of batches waiting for a slow disk above which forwarding has to wait, in bytes."""
 
 
 @dataclass(eq=False)
@@ -168,8 +172,8 @@ class Direction:
         connection: number of the connection.
         sender: side that sends the bytes.
         parser: parser of the bytes; None once they cannot be parsed.
-        on_close: called in the thread of the recorder with code and reason of a close frame, and
-            with its time of arrival, in ns.
+        on_close: called in the recorder's thread with code and reason of a close frame, and with
+            its time of arrival, by `RecordingWriter.now`.
     """
 
     connection: int
@@ -179,28 +183,30 @@ class Direction:
 
 
 class FrameRecorder:
-    """Collects bytes, and parses and records the frames in them several times a second.
+    """Collects bytes, and records the frames in them in batches.
 
-    Frames are parsed and recorded in a separate thread, so that a slow disk does not delay the
-    forwarding. Everything is recorded in the order of the calls. The time of a frame is the time of
-    the call that completed it.
+    The bytes are parsed, and the frames recorded, in a separate thread, so that a slow disk does
+    not delay the forwarding. Everything is recorded in the order of the calls. The time of a frame
+    is the time of the call of `add` with its last bytes.
 
     Args:
-        writer: writer of the recording, which belongs to the separate thread until `close`.
+        writer: writer of the recording. Until `close`, only the separate thread writes with it.
     """
 
     def __init__(self, writer: RecordingWriter) -> None:
         self._writer = writer
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="recording")
         self._collected: list[tuple[int, Direction, bytes]] = []
-        """Bytes that have not been parsed: time of arrival in ns, direction, and bytes."""
+        """The current batch: time of arrival, by `RecordingWriter.now`, direction, and bytes."""
         self._collected_size = 0
+        """Number of bytes in the current batch."""
         self._waiting: deque[tuple[Future[None], int]] = deque()
-        """Work handed over to the thread, each with the number of its bytes."""
+        """Work handed over to the thread, each with the number of its bytes, the oldest first."""
         self._timer: asyncio.TimerHandle | None = None
+        """Timer that hands the current batch over; None while the batch is empty."""
 
     def add(self, direction: Direction, data: bytes) -> None:
-        """Record the frames in these bytes, now or with the next batch."""
+        """Add bytes to the current batch; record the batch if it is large."""
         if direction.parser is None:
             return
         self._collected.append((self._writer.now(), direction, data))
@@ -215,16 +221,16 @@ class FrameRecorder:
         self.call(self._writer.add_event, connection, kind, by, text, self._writer.now())
 
     def flush(self) -> None:
-        """Record the collected bytes, and pass everything on to the operating system."""
+        """Record the current batch, and pass everything on to the operating system."""
         self.call(self._writer.flush)
 
     def call(self, work: Callable[..., None], *arguments: Any) -> None:
-        """Record the collected bytes, and then call a function in the thread."""
+        """Record the current batch, and then call a function in the thread."""
         self.record()
         self._hand_over(0, work, *arguments)
 
     def record(self) -> None:
-        """Record the frames in the collected bytes."""
+        """Hand the current batch over to the thread, which records the frames in it."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -234,17 +240,20 @@ class FrameRecorder:
             self._hand_over(size, self._parse_all, collected)
 
     def close(self) -> None:
-        """Record the collected bytes, and wait until everything is recorded."""
+        """Record the current batch, and wait until everything is recorded."""
         self.record()
         self._thread.shutdown()
         while self._waiting:
             self._waiting.popleft()[0].result()
 
     def _hand_over(self, size: int, work: Callable[..., None], *arguments: Any) -> None:
-        """Run work in the thread; block while more than `_MAX_WAITING` bytes wait for it."""
+        """Run work on `size` bytes in the thread; block while too many bytes wait for it.
+
+        An error of earlier work is raised here.
+        """
         self._waiting.append((self._thread.submit(work, *arguments), size))
         while self._waiting and self._waiting[0][0].done():
-            self._waiting.popleft()[0].result()  # raises the error of the work, if any
+            self._waiting.popleft()[0].result()
         while sum(each for _, each in self._waiting) > _MAX_WAITING:
             self._waiting.popleft()[0].result()
 
@@ -271,6 +280,7 @@ class FrameRecorder:
             self._give_up(direction, f"internal error: {error!r}")
 
     def _give_up(self, direction: Direction, reason: str) -> None:
+        """Stop recording a direction of a connection."""
         direction.parser = None
         self._writer.add_event(direction.connection, "unreadable", direction.sender, reason)
         _LOG.warning(

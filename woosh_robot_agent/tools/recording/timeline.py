@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from enum import Enum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from woosh_robot_agent.endpoints import COMMANDS
 from woosh_robot_agent.link.codecs import server_codec
@@ -43,7 +43,7 @@ _SUBSCRIPTION_TYPES = (SUBSCRIPTION_TYPE, full_name(Subscription))
 
 
 def is_subscription(envelope: Envelope) -> bool:
-    """Return True if a client's frame changes its subscriptions."""
+    """Return True if a client's frame is a request to change its subscriptions."""
     return envelope.type in _SUBSCRIPTION_TYPES
 
 
@@ -63,30 +63,22 @@ def apply_subscription(topics: set[str], envelope: Envelope, frame: str | bytes)
 COMMAND_TYPES = frozenset(
     {command.request for command in COMMANDS if not command.reads} | {full_name(CallAction)}
 ) - {full_name(Twist)}
-"""Types of the requests that the playback waits for.
+"""Types of the commands for which the playback can wait.
 
 Excluded are reads, which cause no pushes, and velocities, of which there are too many.
 """
 
 
-class StepKind(Enum):
-    """Kind of a step.
+StepKind = Literal["open", "subscribed", "command", "push", "lost", "end"]
+"""What happened in a step.
 
-    Attributes:
-        OPEN: a client connected.
-        SUBSCRIBED: the client made its first subscription.
-        COMMAND: the client sent a command.
-        PUSH: the chassis sent a push.
-        LOST: the connection was lost.
-        END: the recording ended.
-    """
-
-    OPEN = "open"
-    SUBSCRIBED = "subscribed"
-    COMMAND = "command"
-    PUSH = "push"
-    LOST = "lost"
-    END = "end"
+- `open`: a client connected.
+- `subscribed`: the client, which had no subscriptions, subscribed.
+- `command`: the client sent a command.
+- `push`: the chassis sent a push.
+- `lost`: the connection was lost.
+- `end`: the recording ended.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +88,9 @@ class Step:
     Attributes:
         t: time in the recording, in seconds.
         kind: kind of the step.
-        frame: recorded frame of a push or a command.
-        type: message type of the frame; empty if the frame is invalid.
-        subscribed: True for a push of a subscribed type; other pushes go to all clients.
+        frame: recorded frame of a push or a command; empty for another kind of step.
+        type: message type of the frame; empty if the frame is invalid, or there is none.
+        subscribed: True for a push of a subscribed type. Other pushes go to all clients.
     """
 
     t: float
@@ -111,11 +103,11 @@ class Step:
 def make_timeline(decoded: Iterable[DecodedRecord], connections: set[int]) -> Iterator[Step]:
     """Yield the steps of some connections, which must not overlap in time.
 
-    A connection that the client closed counts as lost only if the client connected again.
-    Otherwise the client was simply stopped.
+    A connection that the chassis closed counts as lost. One that the client closed counts as lost
+    only if a client connected again: otherwise the client was simply stopped.
     """
-    topics: set[str] = set()
-    loss: Step | None = None
+    topics: set[str] = set()  # the subscribed types
+    loss: Step | None = None  # a close by the client that may count as lost
     for record, envelope in decoded:
         if record.connection not in connections:
             continue
@@ -124,18 +116,17 @@ def make_timeline(decoded: Iterable[DecodedRecord], connections: set[int]) -> It
                 if loss is not None:
                     yield loss
                 loss, topics = None, set()
-                yield Step(record.t, StepKind.OPEN)
-            elif record.kind == "close" and record.by != "recorder":
-                loss = Step(record.t, StepKind.LOST)
-                if record.by == "chassis":
-                    yield loss
-                    loss = None
+                yield Step(record.t, "open")
+            elif record.kind == "close" and record.by == "chassis":
+                yield Step(record.t, "lost")
+            elif record.kind == "close" and record.by == "client":
+                loss = Step(record.t, "lost")
         elif record.sender == "client":
             if envelope is not None:
                 yield from _client_steps(record, envelope, topics)
         elif envelope is None or not envelope.sn:
             name = "" if envelope is None else envelope.type
-            yield Step(record.t, StepKind.PUSH, record.data, name, name in topics)
+            yield Step(record.t, "push", record.data, name, name in topics)
 
 
 def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterator[Step]:
@@ -145,13 +136,13 @@ def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterat
         with contextlib.suppress(FrameError):  # the chassis could not read it, either
             apply_subscription(topics, envelope, record.data)
         if had_none and topics:
-            yield Step(record.t, StepKind.SUBSCRIBED)
+            yield Step(record.t, "subscribed")
     elif envelope.type in COMMAND_TYPES:
-        yield Step(record.t, StepKind.COMMAND, record.data, envelope.type)
+        yield Step(record.t, "command", record.data, envelope.type)
 
 
 def until_ends(decoded: Iterable[DecodedRecord]) -> Iterator[DecodedRecord]:
-    """Yield the records of each connection up to its end; what follows reached nobody."""
+    """Yield the records of each connection up to its end; what came later reached nobody."""
     ended: set[int] = set()
     for each in decoded:
         if each.record.connection not in ended:
@@ -162,16 +153,16 @@ def until_ends(decoded: Iterable[DecodedRecord]) -> Iterator[DecodedRecord]:
 
 def main_connections(records: Iterable[Record]) -> set[int]:
     """Return connections that do not overlap in time, preferring those with most chassis frames."""
-    frames: dict[int, int] = {}
+    frames: Counter[int] = Counter()
     begin: dict[int, float] = {}
     end: dict[int, float] = {}
     for record in records:
         begin.setdefault(record.connection, record.t)
         end[record.connection] = record.t
         if isinstance(record, Frame) and record.sender == "chassis":
-            frames[record.connection] = frames.get(record.connection, 0) + 1
+            frames[record.connection] += 1
     chosen: set[int] = set()
-    for number in sorted(frames, key=lambda number: -frames[number]):
+    for number, _ in frames.most_common():
         if all(end[number] <= begin[other] or end[other] <= begin[number] for other in chosen):
             chosen.add(number)
     return chosen
@@ -188,7 +179,7 @@ class Exchange:
     Attributes:
         t: time of the request in the recording, in seconds.
         answer: frame of the answer; None if there was none.
-        delay: time from the request to the answer, in seconds.
+        delay: time from the request to the answer, in seconds; 0 if there was none.
     """
 
     t: float
@@ -203,7 +194,7 @@ class RecordedAnswers:
     request, only the type has to match. When all answers have been given, the last one is repeated.
 
     Args:
-        decoded: the records.
+        decoded: the records of all connections.
 
     Attributes:
         unmatched: number of answers without a request, which are left out.
@@ -212,9 +203,9 @@ class RecordedAnswers:
     def __init__(self, decoded: Iterable[DecodedRecord]) -> None:
         self.unmatched = 0
         self._recorded: dict[_Key, list[Exchange]] = {}
-        self._given: dict[_Key, int] = {}
+        self._given: Counter[_Key] = Counter()
         """Number of answers given, by key."""
-        pending: dict[tuple[int, int], Exchange] = {}
+        pending: dict[tuple[int, int], Exchange] = {}  # by connection and serial number
         for record, envelope in decoded:
             if envelope is None or not envelope.sn or not isinstance(record, Frame):
                 continue
@@ -237,9 +228,9 @@ class RecordedAnswers:
         """Return the next exchange for a request; None if no request of its type was recorded."""
         for key in _keys(envelope, frame):
             if recorded := self._recorded.get(key):
-                index = self._given.get(key, 0)
-                self._given[key] = index + 1
-                return recorded[min(index, len(recorded) - 1)]
+                index = min(self._given[key], len(recorded) - 1)
+                self._given[key] += 1
+                return recorded[index]
         return None
 
     def rewind(self) -> None:
@@ -253,7 +244,7 @@ def _keys(envelope: Envelope, frame: str | bytes) -> tuple[_Key, ...]:
 
 
 def _canonical_body(envelope: Envelope, frame: str | bytes) -> bytes:
-    """Return the same bytes for equal bodies, whatever their encoding."""
+    """Return the same bytes for equal bodies, also in different encodings if the type is known."""
     cls = message_types().get(envelope.type)
     if cls is not None:
         try:
@@ -272,7 +263,7 @@ class Playback:
     Attributes:
         steps: the timeline.
         answers: the answers to requests.
-        duration: time from the first to the last record, in seconds.
+        duration: time from the first to the last record, in seconds; 0 if there are none.
     """
 
     steps: list[Step]
@@ -289,5 +280,5 @@ def prepare(recording: Recording) -> Playback:
     steps = list(make_timeline(reached, main_connections(each.record for each in reached)))
     if not records:
         return Playback(steps, answers, 0.0)
-    steps.append(Step(records[-1].t, StepKind.END))
+    steps.append(Step(records[-1].t, "end"))
     return Playback(steps, answers, records[-1].t - records[0].t)

@@ -1,4 +1,4 @@
-"""Make the messages that Foxglove shows: decoded messages, views and maps.
+"""Make what Foxglove shows of the chassis's frames: decoded messages, views and maps.
 
 A view is a message with a Foxglove schema, e.g. the laser scan or the path.
 """
@@ -9,6 +9,7 @@ import logging
 import math
 import re
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any, NamedTuple
 
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -48,6 +49,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     Scene,
 )
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.robot.last_known import parts_of
 from woosh_robot_agent.robot.maps import (
     MapError,
     check_resolution_and_origin,
@@ -61,18 +63,19 @@ from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_cha
 
 _LOG = logging.getLogger(__name__)
 _ANSWERS = {command.request: command.answer for command in COMMANDS if command.two_types}
-"""Type of the answer by type of the request, for answers that may name the request's type."""
+"""Type of the answer by type of the request, for answers whose frame may name the latter."""
 _MAX_TIMESTAMP = 2**63 // 1_000_000
-"""Timestamp from which no valid time is possible, in ms."""
+"""Timestamp from which a time is invalid, in ms: viewers cannot represent it in ns."""
 
 
 class DecodedFrame(NamedTuple):
     """The message in a frame.
 
     Attributes:
-        channel: channel of the message's type and direction.
+        channel: channel for this type of message from this side.
         message: the message.
-        sent: time of sending by the sender's clock, in ns; None if the frame does not give it.
+        sent: time of sending by the sender's clock, as Unix time in ns; None if the frame has no
+            valid time.
     """
 
     channel: Channel
@@ -80,54 +83,43 @@ class DecodedFrame(NamedTuple):
     sent: int | None
 
 
-class MessageDecoder:
-    """Decodes frames."""
+def decode_message(sender: Side, frame: str | bytes) -> DecodedFrame | None:
+    """Return the message in a frame that `sender` has sent.
 
-    def __init__(self) -> None:
-        self._channels: dict[tuple[Side, str], tuple[Any, Channel]] = {}
-        """Class and channel by sender and type."""
-
-    def decode(self, sender: Side, frame: str | bytes) -> DecodedFrame | None:
-        """Return the message in a frame.
-
-        Args:
-            sender: side that sent the frame.
-            frame: the frame.
-
-        Returns:
-            The message; None if the frame is invalid, of an unknown type, or refuses a request.
-        """
-        codec = server_codec(frame)
-        try:
-            envelope = codec.decode(frame)
-            if envelope.ok is False:
-                return None
-            found = self._class_and_channel(sender, envelope)
-            if found is None:
-                return None
-            cls, channel = found
-            return DecodedFrame(channel, codec.body(envelope, cls), _sent_at(envelope))
-        except FrameError:
+    None if the frame is invalid, of an unknown type, or refuses a request.
+    """
+    codec = server_codec(frame)
+    try:
+        envelope = codec.decode(frame)
+        if envelope.ok is False:
             return None
+        name = _type_of(sender, envelope)
+        cls = message_types().get(name)
+        if cls is None:
+            return None
+        return DecodedFrame(_channel(sender, name), codec.body(envelope, cls), _sent_at(envelope))
+    except FrameError:
+        return None
 
-    def _class_and_channel(self, sender: Side, envelope: Envelope) -> tuple[Any, Channel] | None:
-        """Return class and channel of the message in a frame; None for an unknown type."""
-        name = envelope.type
-        if name == SUBSCRIPTION_TYPE:
-            name = full_name(Subscription)
-        elif sender == "chassis" and envelope.ok is not None:  # an answer
-            name = _ANSWERS.get(name, name)
-        key = sender, name
-        if key not in self._channels:
-            cls = message_types().get(name)
-            if cls is None:  # not stored: a hostile robot could send any number of unknown types
-                return None
-            topic = f"/{sender}/{name.removeprefix('woosh.').replace('.', '/')}"
-            self._channels[key] = cls, protobuf_channel(topic, cls)
-        return self._channels[key]
+
+def _type_of(sender: Side, envelope: Envelope) -> str:
+    """Return the protobuf full name of the message in a frame."""
+    if envelope.type == SUBSCRIPTION_TYPE:
+        return full_name(Subscription)
+    if sender == "chassis" and envelope.ok is not None:  # an answer
+        return _ANSWERS.get(envelope.type, envelope.type)
+    return envelope.type
+
+
+@cache
+def _channel(sender: Side, name: str) -> Channel:
+    """Return the channel for a known type of message from one side."""
+    topic = f"/{sender}/{name.removeprefix('woosh.').replace('.', '/')}"
+    return protobuf_channel(topic, message_types()[name])
 
 
 def _sent_at(envelope: Envelope) -> int | None:
+    """Return `DecodedFrame.sent`."""
     timestamp = envelope.timestamp
     if timestamp is None or not 0 < timestamp < _MAX_TIMESTAMP:
         return None
@@ -135,9 +127,9 @@ def _sent_at(envelope: Envelope) -> int | None:
 
 
 MAP_FRAME = "map"
-"""Frame of poses, paths and maps."""
+"""Coordinate frame of poses, paths and maps."""
 ROBOT_FRAME = "base_link"
-"""Frame of the robot."""
+"""Coordinate frame of the robot."""
 _POSE = protobuf_channel("/view/pose", PoseInFrame)
 _TRANSFORM = protobuf_channel("/view/tf", FrameTransform)
 _PATH = protobuf_channel("/view/path", PosesInFrame)
@@ -160,8 +152,8 @@ class View(NamedTuple):
     Attributes:
         channel: channel of the message.
         message: the message.
-        state: key of a view that stays valid until the next view with this key. It is repeated at
-            the start of each file of a split recording; empty if it is not repeated.
+        state: key of a view that stays valid until the next view with this key. Such a view is
+            repeated at the start of each file of a split recording. Empty for any other view.
     """
 
     channel: Channel
@@ -170,40 +162,32 @@ class View(NamedTuple):
 
 
 def views_of(message: Message, time: int) -> Iterator[View]:
-    """Yield the views of a message of the chassis.
-
-    Args:
-        message: the message.
-        time: time of recording, in ns.
-    """
-    make = _VIEWS.get(type(message))
-    if make is not None:
-        yield from make(message, timestamp(time))
+    """Yield the views of a message of the chassis; `time` is that of recording, in ns."""
+    for part in parts_of(message) if isinstance(message, RobotInfo) else [message]:
+        make = _VIEWS.get(type(part))
+        if make is not None:
+            yield from make(part, timestamp(time))
 
 
 def timestamp(time: int) -> Timestamp:
-    """Return a time in ns as a message."""
+    """Return a Unix time in ns as a message."""
     seconds, nanos = divmod(time, 1_000_000_000)
     return Timestamp(seconds=seconds, nanos=nanos)
 
 
 def pose(x: float, y: float, theta: float, z: float = 0.0) -> Pose:
-    """Return a pose in the plane as a message."""
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=_rotation(theta))
-
-
-def _rotation(theta: float) -> Quaternion:
+    """Return a pose in m and rad as a message; a `theta` that is not finite counts as 0."""
     if not math.isfinite(theta):
         theta = 0.0
-    return Quaternion(z=math.sin(theta / 2), w=math.cos(theta / 2))
+    rotation = Quaternion(z=math.sin(theta / 2), w=math.cos(theta / 2))
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=rotation)
 
 
 def _pose_speed(report: PoseSpeed, time: Timestamp) -> Iterator[View]:
     at = report.pose
     if not all(map(math.isfinite, (at.x, at.y, at.theta))):
         return
-    position, rotation = Vector3(x=at.x, y=at.y), _rotation(at.theta)
-    shown = Pose(position=position, orientation=rotation)
+    shown = pose(at.x, at.y, at.theta)
     yield View(_POSE, PoseInFrame(timestamp=time, frame_id=MAP_FRAME, pose=shown), "pose")
     yield View(
         _TRANSFORM,
@@ -211,8 +195,8 @@ def _pose_speed(report: PoseSpeed, time: Timestamp) -> Iterator[View]:
             timestamp=time,
             parent_frame_id=MAP_FRAME,
             child_frame_id=ROBOT_FRAME,
-            translation=position,
-            rotation=rotation,
+            translation=shown.position,
+            rotation=shown.orientation,
         ),
         "transform",
     )
@@ -283,18 +267,11 @@ def _status_code(report: StatusCode, time: Timestamp) -> Iterator[View]:
     )
 
 
-def _robot_info(report: RobotInfo, time: Timestamp) -> Iterator[View]:
-    for name, make in (("pose_speed", _pose_speed), ("battery", _battery), ("model", _outline)):
-        if report.HasField(name):
-            yield from make(getattr(report, name), time)
-
-
 _VIEWS: dict[type[Message], Callable[[Any, Timestamp], Iterator[View]]] = {
     Battery: _battery,
     Model: _outline,
     NavPath: _path,
     PoseSpeed: _pose_speed,
-    RobotInfo: _robot_info,
     ScannerData: _scan,
     StatusCode: _status_code,
 }
@@ -304,10 +281,7 @@ _GRID = protobuf_channel("/view/map", Grid)
 _COLOURS = ("red", "green", "blue", "alpha")
 """Fields of a cell: with these names, viewers show the colours without configuration."""
 _MAX_CELLS = 9_000_000
-"""Size of a map above which it gets no view but is only attached, in cells.
-
-Compressing it would block the proxy for too long.
-"""
+"""Size of a map above which it gets no view, in cells: compressing it would delay the recording."""
 
 
 class FoundMap(NamedTuple):
@@ -316,7 +290,8 @@ class FoundMap(NamedTuple):
     Attributes:
         area: the map.
         is_saved: False for a map that the robot is making.
-        is_current: True for the map that the robot uses, or is making.
+        is_current: True for the map that the robot uses or is making. While it is unknown which one
+            it uses, True for the only map of a scene.
     """
 
     area: SceneData.Map
@@ -329,7 +304,7 @@ class PreparedMap(NamedTuple):
 
     Attributes:
         name: name of the map.
-        files: contents of the files for map_server, by name.
+        files: contents of the files for map_server, by name; empty if the map is not saved yet.
         view: view of the map; None if it is not the current one, or too large.
     """
 
@@ -348,7 +323,7 @@ class MapFinder:
 
     def __init__(self) -> None:
         self._current = Scene()
-        """The current scene and map, as far as they are known."""
+        """The current scene and map; empty if unknown."""
 
     def maps_in(self, message: Message) -> Iterator[FoundMap]:
         """Yield the maps in a message; remember which map is the current one."""
@@ -369,10 +344,7 @@ class MapFinder:
                     yield FoundMap(area, is_saved=True, is_current=area is current)
 
     def _current_map(self, data: SceneData) -> SceneData.Map | None:
-        """Return the current map, or the only map while the current one is unknown.
-
-        None if the scene has no such map.
-        """
+        """Return the current map if the scene has it; the only map while that is unknown."""
         current = self._current
         if not current.scene_name:
             return data.maps[0] if len(data.maps) == 1 else None
@@ -391,7 +363,7 @@ def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
 
     Args:
         found: the map.
-        time: time of recording, in ns.
+        time: time of recording, as Unix time in ns.
     """
     area = found.area
     try:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +28,9 @@ from woosh_robot_agent.tools.recording.layout import (
 )
 from woosh_robot_agent.tools.recording.views import (
     MapFinder,
-    MessageDecoder,
     PreparedMap,
     View,
+    decode_message,
     prepare_map,
     views_of,
 )
@@ -39,44 +39,34 @@ _LOG = logging.getLogger(__name__)
 _THINNED = (PoseSpeed, ScannerData)
 """Types whose views are limited in rate, because an eye cannot follow them at the highest rates.
 
-They must not contain maps or metadata: only the views of a message that waits are written.
+These types have no maps or metadata: of a message whose view is delayed, only the view is written.
 """
 _VIEW_PERIOD = 20_000_000
 """Minimum time between two views of a type in `_THINNED`, in ns."""
 _MAX_MAPS = 100
-"""Maximum number of maps that every file contains, and of maps that wait to be prepared."""
-
-
-@dataclass
-class _Thinned:
-    """State of a type in `_THINNED`.
-
-    Attributes:
-        shown_at: time of the last view, in ns.
-        waiting: the newest message since `shown_at`, which has no view yet.
-    """
-
-    shown_at: int = 0
-    waiting: Message | None = None
+"""Maximum number of maps that are repeated in each file, and of maps that wait to be prepared."""
 
 
 class RecordingWriter:
     """Writes a recording: frames, connection events, decoded messages, and views.
 
-    A view is a message for display in Foxglove. A crash loses what was written since the last
-    `flush`. A file error ends the recording but is not raised, because `RecordingProxy` must keep
-    forwarding.
+    A view is a message for display in Foxglove. A crash loses at most what was written since the
+    last `flush`. A file error ends the recording but is not raised, because `RecordingProxy` must
+    keep forwarding.
 
     Args:
-        path: path of the new file; it must not exist.
+        path: path of the new file, which must not exist; see `RecordingFiles` for a split
+            recording.
         address: address of the chassis, for the metadata.
         limits: limits of size and duration.
-        on_early_end: called once with the reason if the recording ends before `close`.
+        on_early_end: called once with the reason if the recording ends before `close`, or if
+            `close` fails.
 
     Attributes:
-        connections: number of connections between a client and the chassis.
+        connections: number of connections between a client and the chassis so far.
         answered: True once the chassis has sent a frame.
-        refusal: why the chassis could not be reached the last time; empty if it always could.
+        refusal: why the chassis could not be reached the last time that it could not; empty if
+            that has not happened.
 
     Raises:
         OSError: the file cannot be created.
@@ -91,16 +81,18 @@ class RecordingWriter:
         self._seen = 0
         """Number of frames passed to `add_frame`."""
         self._log = LogOnce(_LOG)
-        self._decoder = MessageDecoder()
         self._finder = MapFinder()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="maps")
-        self._thinned: dict[type[Message], _Thinned] = {cls: _Thinned() for cls in _THINNED}
-        self._preparing: list[Future[PreparedMap | None]] = []
-        """Maps that are prepared in the thread `_worker`; None for an unusable one."""
+        self._shown_at: dict[type[Message], int] = dict.fromkeys(_THINNED, 0)
+        """Time of the last view of each type in `_THINNED`, in ns; 0 before the first."""
+        self._waiting: dict[type[Message], Message] = {}
+        """The newest message of each of these types whose newest message has no view yet."""
+        self._preparing: deque[Future[PreparedMap | None]] = deque()
+        """Maps that are prepared in the thread `_worker`; the result of an unusable one is None."""
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
-        """The last map with each name, which every new file begins with."""
+        """The last map with each name; each new file begins with all of them."""
         self._states: dict[str, View] = {}
-        """The last view of each state, which every new file begins with."""
+        """The last view with each `View.state`; each new file begins with all of them."""
         self._robot: dict[str, str] = {}
         """The robot's number, model and software, as metadata; empty if unknown."""
         self._start = time.time_ns()
@@ -108,6 +100,7 @@ class RecordingWriter:
         """Unix time at zero of the monotonic clock, in ns."""
         self._metadata = {"version": VERSION, "address": address, "started": str(self._start)}
         self._file_count = 0
+        # the last attribute, because it calls `_begin_file`, which uses the others
         self._files = RecordingFiles(path, limits, self._begin_file, on_early_end)
 
     @property
@@ -147,16 +140,16 @@ class RecordingWriter:
 
         Args:
             connection: number of the connection.
-            sender: side that sent the frame.
+            sender: side that sent the frame: the client or the chassis.
             data: payload of the frame.
-            text: True for a text frame.
+            text: True for a text frame, whose payload should be UTF-8.
             received: time at which the frame passed, by `now`; None if it has just passed.
         """
         self._seen += 1
         self.answered |= sender == "chassis"
         if not self._files.is_open:
             return
-        frame: str | bytes | None = data
+        frame: str | bytes | None = data  # None for a text frame that is not UTF-8
         message = FrameMessage(connection=connection, sender=sender)
         if not text:
             message.binary = data
@@ -168,7 +161,7 @@ class RecordingWriter:
         now = self.now() if received is None else received
         decoded = None
         if frame is not None:
-            decoded = self._guard("decode", self._decoder.decode, sender, frame)
+            decoded = self._guard("decode", decode_message, sender, frame)
         sent = None if decoded is None else decoded.sent
         if self._files.add(FRAMES, now, message.SerializeToString(), sent) and decoded is not None:
             self._files.add(decoded.channel, now, decoded.message.SerializeToString(), sent)
@@ -178,7 +171,7 @@ class RecordingWriter:
     def add_event(
         self, connection: int, kind: EventKind, by: Side, text: str = "", at: int | None = None
     ) -> None:
-        """Write an event that happened at the time `at`, by `now`; by default at this moment."""
+        """Write an event; `at` is its time, by `now`, or None if it has just happened."""
         self.connections += kind == "open"
         if kind == "refused":
             self.refusal = text
@@ -193,20 +186,23 @@ class RecordingWriter:
             self._files.flush()
 
     def close(self) -> None:
-        """Complete and close the current file."""
+        """Wait for the maps that are being prepared, and complete and close the current file."""
         self._worker.shutdown()
         self._add_waiting_views()
         self._add_maps()
         self._files.close()
 
     def discard(self) -> None:
-        """Close and delete the file."""
+        """Close and delete all files."""
         self.close()
         for path in self.paths:
             path.unlink()
 
     def _guard(self, what: str, work: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function; log an error, because a bug in it must not cut the connection."""
+        """Return the result of `work`; log an error in it, and return None.
+
+        A bug must not cut the connection. `what` is a verb: what `work` does with a frame.
+        """
         try:
             return work(*arguments)
         except Exception as error:
@@ -214,23 +210,27 @@ class RecordingWriter:
             return None
 
     def _add_views(self, message: Message, now: int) -> None:
-        """Write the views, maps and metadata of a message of the chassis; `now` is in ns."""
-        thinned = self._thinned.get(type(message))
-        if thinned is not None:
-            if now - thinned.shown_at < _VIEW_PERIOD:
-                thinned.waiting = message  # it has only views: see _THINNED
+        """Write the views, maps and metadata of a message of the chassis, or delay its views.
+
+        Maps are written by `_add_maps` once they are prepared. `now` is the Unix time in ns.
+        """
+        cls = type(message)
+        if cls in _THINNED:
+            if now - self._shown_at[cls] < _VIEW_PERIOD:
+                self._waiting[cls] = message
                 return
-            thinned.shown_at, thinned.waiting = now, None
+            self._shown_at[cls] = now
+            self._waiting.pop(cls, None)
         self._add_views_of(message, now)
         for found in self._finder.maps_in(message):
             if len(self._preparing) >= _MAX_MAPS:
                 self._log.warn("maps", f"map {found.area.name} is left out: too many at a time")
             else:
                 self._preparing.append(self._worker.submit(prepare_map, found, now))
-        # spelled so in the protobuf
-        general = message.genral if isinstance(message, RobotInfo) else message
-        if isinstance(general, General):
-            self._set_robot(general)
+        if isinstance(message, RobotInfo) and message.HasField("genral"):
+            message = message.genral  # spelled so in the robot's messages
+        if isinstance(message, General):
+            self._set_robot(message)
 
     def _add_views_of(self, message: Message, now: int) -> None:
         for view in views_of(message, now):
@@ -242,19 +242,17 @@ class RecordingWriter:
         self._files.add(view.channel, now, view.message.SerializeToString())
 
     def _add_waiting_views(self) -> None:
-        """Write the views of the messages that wait because of `_VIEW_PERIOD`."""
+        """Write the views that `_add_views` has delayed."""
         now = self.now()
-        for thinned in self._thinned.values():
-            message, thinned.waiting = thinned.waiting, None
-            if message is not None:
-                thinned.shown_at = now
-                self._guard("view", self._add_views_of, message, now)
+        waiting, self._waiting = self._waiting, {}
+        for cls, message in waiting.items():
+            self._shown_at[cls] = now
+            self._guard("view", self._add_views_of, message, now)
 
     def _add_maps(self) -> None:
         """Write the maps that have been prepared."""
-        done = [each for each in self._preparing if each.done()]
-        self._preparing = [each for each in self._preparing if not each.done()]
-        for future in done:
+        while self._preparing and self._preparing[0].done():
+            future = self._preparing.popleft()
             prepared: PreparedMap | None = self._guard("view", future.result)
             if prepared is None:
                 continue
@@ -268,6 +266,7 @@ class RecordingWriter:
                 self._add_view(prepared.view, now)
 
     def _set_robot(self, general: General) -> None:
+        """Write the robot's number, model and software, if they have changed."""
         robot = {
             "serial_number": str(general.serial_number),
             "model": general.display_model or general.urdf_name,
@@ -279,7 +278,7 @@ class RecordingWriter:
             self._files.add_metadata(ROBOT_METADATA, robot)
 
     def _begin_file(self, file: McapFile) -> None:
-        """Write metadata, maps and last views to the start of a file."""
+        """Write metadata, maps and states to the start of a new file."""
         file.add_metadata(METADATA, self._metadata | {"part": str(self._file_count)})
         self._file_count += 1
         if self._robot:
