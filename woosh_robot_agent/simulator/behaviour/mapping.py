@@ -59,7 +59,7 @@ def require_name(field: str, name: str) -> None:
 
 
 class Phase(Enum):
-    """Phase of the mapping. The value describes it for a refusal."""
+    """Phase of the mapping. The value says it in a refusal."""
 
     NONE = "is not running"
     STARTING = "is being started"
@@ -75,8 +75,10 @@ class MapBuilder:
     current map. After saving or cancelling, the robot has to be initialised.
 
     Attributes:
-        draft: the new map without its cells; None if there is none or a map is being updated.
-        picture_time: simulated time at which the last picture of the map was due, in seconds.
+        draft: the new map with the marks collected so far, but without cells. None if no map is
+            being made, or the current map is being updated.
+        picture_time: simulated time at which the last picture of the map was due, in seconds; 0
+            before the first.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -85,18 +87,18 @@ class MapBuilder:
         self._robot = robot
         self._profile = robot.profile.mapping
         self._pictures = DelayedCalls(robot)
-        """The scheduled next picture of the map."""
+        """The next request for a picture; none are scheduled unless the mapping is running."""
         self._phase = Phase.NONE
         self._scene_name = self._map_name = ""
-        """Names of the map that is being made, and of its scene."""
+        """Names of the map that is or was last being made, and of its scene; empty at first."""
         self._grid: GrowingGrid | None = None
-        """Cells of the map; None while no map is being made."""
+        """Cells of the map, from the first scan to the end of the mapping; else None."""
         self._located_before = True
         """True if the robot knew its pose before the mapping."""
         self._added_time = -math.inf
-        """Simulated time of the last scan that was added, in seconds."""
+        """Simulated time of the last scan that was added, in seconds; -inf before the first."""
         self._added_pose = Pose()
-        """Pose of the robot at the scan that was added last."""
+        """Pose of the robot at the last scan that was added."""
 
     @property
     def active(self) -> bool:
@@ -105,23 +107,26 @@ class MapBuilder:
 
     @property
     def raster(self) -> Raster | None:
-        """The map so far; None while no map is being made."""
+        """The map so far; None unless the mapping is running."""
         return self._grid.raster() if self._grid and self._phase is Phase.RUNNING else None
 
     def require_none(self, refusal: Refusal) -> None:
-        """Check that no map is being made.
+        """Check that no map is being made, i.e. that the phase is `Phase.NONE`.
+
+        Args:
+            refusal: the refusal to raise. It may use the values `map` and `phase`.
 
         Raises:
-            RefusedError: a map is being made. The error has the given `refusal`.
+            RefusedError: a map is being made.
         """
         if self._phase is not Phase.NONE:
             raise RefusedError(refusal, map=self._map_name, phase=self._phase.value)
 
     def require_settled(self) -> None:
-        """Check that the mapping is not being started or ended.
+        """Check that no mapping is just being started, saved or cancelled.
 
         Raises:
-            RefusedError: the mapping is being started or ended.
+            RefusedError: a mapping is being started, saved or cancelled.
         """
         if self._phase not in (Phase.NONE, Phase.RUNNING):
             self.require_none(refusals.MAPPING_CHANGES)
@@ -166,7 +171,7 @@ class MapBuilder:
         return self._start(scene_name, map_name, update=True)
 
     def save(self) -> float:
-        """Begin to save the map; return the duration, in seconds.
+        """Begin to save the map; return the time until the answer to the request, in seconds.
 
         Raises:
             RefusedError: the robot cannot save now. The mapping goes on.
@@ -187,10 +192,10 @@ class MapBuilder:
         return duration
 
     def cancel(self) -> float:
-        """Begin to discard the map; return the duration, in seconds.
+        """Begin to discard the map; return the time until the answer to the request, in seconds.
 
         Raises:
-            RefusedError: no map is being made.
+            RefusedError: no mapping is running.
         """
         self._require_running()
         robot = self._robot
@@ -202,7 +207,7 @@ class MapBuilder:
         return duration
 
     def tick(self) -> None:
-        """Add the current scan to the map if it is due."""
+        """Add the current scan to the map if the mapping is running and the scan is due."""
         grid, robot = self._grid, self._robot
         if grid is None or self._phase is not Phase.RUNNING or not robot.readiness.located:
             return
@@ -255,13 +260,7 @@ class MapBuilder:
             raise RefusedError(refusals.TOO_MANY_MAPS, scene=scene_name, limit=MAX_MAPS)
 
     def _start(self, scene_name: str, map_name: str, *, update: bool) -> float:
-        """Schedule the first scan; return the time until the answer to the request, in seconds.
-
-        Args:
-            scene_name: name of the scene.
-            map_name: name of the map.
-            update: True to continue the current map, False to make a new one.
-        """
+        """Schedule the first scan; return the time until the answer to the request, in seconds."""
         robot, profile = self._robot, self._profile
         self._scene_name, self._map_name = scene_name, map_name
         self._phase = Phase.STARTING
@@ -271,7 +270,7 @@ class MapBuilder:
         return duration
 
     def _begin_scans(self, *, update: bool) -> None:
-        """Begin to add scans to the map."""
+        """Begin to add scans: to the current map if `update` is True, else to a new map."""
         from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
         from woosh_robot_agent.simulator.world.picture import rasterised
 
@@ -294,7 +293,7 @@ class MapBuilder:
         self._pictures.add(self._profile.picture_period, self._request_picture)
 
     def _current_grid(self) -> Grid:
-        """Return the cells of the map made so far; an updated map keeps its keep-out cells."""
+        """Return the cells of the map so far; an updated map keeps its keep-out cells."""
         from woosh_robot_agent.simulator.world.grid import Grid
 
         assert self._grid
@@ -308,8 +307,8 @@ class MapBuilder:
 
         Args:
             grid: cells of the map.
-            draft: the new map without its cells; None for an update of the current map.
-            end: pose of the robot at the end of the mapping.
+            draft: the new map without cells; None for an update of the current map.
+            end: pose of the robot when the saving began.
         """
         robot = self._robot
         area = dataclasses.replace(
@@ -369,19 +368,15 @@ class CollectedPoint(NamedTuple):
 class Deployment:
     """Collects points (marks, codes, ...) for the current map, or for a new map that is being made.
 
-    Points can be cancelled until the session ends. It ends when a mapping starts, or when the robot
-    leaves deployment mode or the map.
-
-    Args:
-        robot: the robot.
-        mapping: makes new maps.
+    Points can be cancelled until the session ends. It ends when a mapping starts or a new map is
+    cancelled, and when the robot changes the work mode or the map.
     """
 
     def __init__(self, robot: Robot, mapping: MapBuilder) -> None:
         self._robot = robot
         self._mapping = mapping
         self._collected: list[CollectedPoint] = []
-        """Points of this session, in order."""
+        """Points of this session that were not cancelled, in order."""
 
     def collect(self, kind: PointKind, pose: Pose | None) -> CollectedPoint:
         """Add a point to the map and return it.
@@ -441,7 +436,7 @@ class Deployment:
         self._replace_area(dataclasses.replace(area, marks=kept, other_marks=others))
 
     def calibrate(self) -> list[CollectedPoint]:
-        """Return the reflectors of the map. The robot finds all of them at their poses.
+        """Return the reflectors of the map, as if the robot had found each at its known pose.
 
         Raises:
             RefusedError: the map has no reflectors.
@@ -475,10 +470,11 @@ class Deployment:
 
     @property
     def _area(self) -> Map:
-        """The map to which points are added."""
+        """The map to which points are added: a new map that is being made, or the current map."""
         return self._mapping.draft or self._robot.map
 
     def _replace_area(self, area: Map) -> None:
+        """Store the changed `_area`; a change of the current map is a new version of it."""
         if self._mapping.draft:
             self._mapping.draft = area
         else:
