@@ -371,8 +371,8 @@ class Navigate(Job):
         base, stretch = robot.base, self._stretch_ahead(robot.base.pose)
         distance, bearing = base.pose.distance(corner), base.pose.bearing(corner)
         second = stretch.second
-        # The base cuts a corner inside a stretch: it never reaches the corner exactly. It has passed
-        # the corner when it is nearer to the second corner than the corner is.
+        # Inside a stretch the base cuts corners, without reaching them exactly. It has passed a
+        # corner when it is nearer to the second corner than that corner is.
         if second and base.pose.distance(second) <= math.dist(corner, second):
             return False
         if distance <= _POSITION_TOLERANCE:
