@@ -94,11 +94,7 @@ class Actions:
         self._runs[name] = _Run(name, job)
 
     def cancel(self, name: str) -> None:
-        """Cancel an action.
-
-        Raises:
-            RefusedError: the action neither runs nor is paused.
-        """
+        """Cancel an action; raise RefusedError if it neither runs nor is paused."""
         self._end(self._find(name), ros_pack_pb2.kRosCancel, "cancelled")
 
     def pause(self, name: str) -> None:
@@ -116,11 +112,7 @@ class Actions:
                 self._pause(run, reason)
 
     def resume(self, name: str) -> None:
-        """Resume a paused action.
-
-        Raises:
-            RefusedError: the action neither runs nor is paused.
-        """
+        """Resume a paused action; raise RefusedError if there is no such action."""
         run = self._find(name)
         run.paused = False
         run.job.suspend(self._robot)  # again: what it knew at the pause may be outdated by now

@@ -44,11 +44,7 @@ _MIN_DISTANCE, _MIN_ANGLE = 0.02, 0.02
 
 
 def require_name(field: str, name: str) -> None:
-    """Check that the text of a request's field can be the name of a scene or map.
-
-    Raises:
-        RefusedError: the name is empty, too long, or a path.
-    """
+    """Raise RefusedError if the `name` in a request's `field` is empty, too long, or a path."""
     if not name:
         raise RefusedError(refusals.NO_NAME, field=field)
     if not is_plain(name):
@@ -111,32 +107,19 @@ class MapBuilder:
         return self._grid.raster() if self._grid and self._phase is Phase.RUNNING else None
 
     def require_none(self, refusal: Refusal) -> None:
-        """Check that no map is being made, i.e. that the phase is `Phase.NONE`.
-
-        Args:
-            refusal: the refusal to raise. It may use the values `map` and `phase`.
-
-        Raises:
-            RefusedError: a map is being made.
-        """
+        """Raise `refusal`, which may use the values `map` and `phase`, if a map is being made."""
         if self._phase is not Phase.NONE:
             raise RefusedError(refusal, map=self._map_name, phase=self._phase.value)
 
     def require_settled(self) -> None:
-        """Check that no mapping is just being started, saved or cancelled.
-
-        Raises:
-            RefusedError: a mapping is being started, saved or cancelled.
-        """
+        """Raise RefusedError while a mapping is being started, saved or cancelled."""
         if self._phase not in (Phase.NONE, Phase.RUNNING):
             self.require_none(refusals.MAPPING_CHANGES)
 
     def add(self, scene_name: str, map_name: str) -> float:
         """Begin to make a new map; return the time until the answer to the request, in seconds.
 
-        Args:
-            scene_name: name of a new or an existing scene.
-            map_name: name of the map.
+        The scene may be a new one.
 
         Raises:
             RefusedError: the robot cannot start now, or cannot make this map.
@@ -148,12 +131,8 @@ class MapBuilder:
     def update(self, scene_name: str, map_name: str) -> float:
         """Begin to continue the current map; return the time until the answer, in seconds.
 
-        Args:
-            scene_name: name of the current scene.
-            map_name: name of the current map.
-
         Raises:
-            RefusedError: the robot cannot start now, or this is not the current map.
+            RefusedError: the robot cannot start now, or the names are not those of the current map.
         """
         self._require_startable(scene_name, map_name)
         scenes, scene = self._robot.scenes, self._robot.scenes.get(scene_name)
@@ -248,7 +227,7 @@ class MapBuilder:
             raise RefusedError(refusal)
 
     def _require_new(self, scene_name: str, map_name: str) -> None:
-        """Check that a map of this name can be added."""
+        """Raise RefusedError if a map of this name cannot be added."""
         scenes = self._robot.scenes
         scene = scenes.get(scene_name)
         if scene is None:
@@ -456,11 +435,7 @@ class Deployment:
         self._collected.clear()
 
     def require_ready(self) -> None:
-        """Check that the robot can collect points.
-
-        Raises:
-            RefusedError: the robot cannot collect points.
-        """
+        """Raise RefusedError if the robot cannot collect points."""
         readiness = self._robot.readiness
         if readiness.work != util_robot_pb2.kDeployMode:
             raise RefusedError(refusals.COLLECTING_OUTSIDE_DEPLOYMENT)

@@ -204,8 +204,7 @@ class Ownership:
     def _take_wheels(self, user: str, refusal: Refusal) -> None:
         """Take the wheels for remote control or following, which ends following.
 
-        Raises:
-            RefusedError: an action or a task of a client drives. The error has the `refusal`.
+        Raise `refusal` if an action or a task of a client drives.
         """
         self._tasks.cancel_automatic(f"replaced by {user}")
         if self.driver:
@@ -224,8 +223,7 @@ class Ownership:
     def _take_device_for_task(self) -> None:
         """Take the device of the task's job.
 
-        Raises:
-            RefusedError: the robot is not ready, or an action owns the device.
+        Raise RefusedError if the robot is not ready, or an action owns the device.
         """
         self._robot.readiness.require_ready()
         device = self._tasks.device

@@ -251,11 +251,7 @@ class Tasks:
             self._rest_of_set.clear()
 
     def require_active(self, refusal: Refusal = refusals.NO_TASK) -> None:
-        """Check that there is a task that has not ended.
-
-        Raises:
-            RefusedError: there is no such task. The error has the given `refusal`.
-        """
+        """Raise `refusal` if there is no task that has not ended."""
         if not self.active:
             raise RefusedError(refusal)
 

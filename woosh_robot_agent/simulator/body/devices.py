@@ -176,11 +176,7 @@ class WiFi:
 
 
 def _ssid(content: bytes) -> str:
-    """Return the `ssid` in a JSON object.
-
-    Raises:
-        RefusedError: `content` is not a JSON object with an `ssid`.
-    """
+    """Return the `ssid` in a JSON object; raise RefusedError if there is none."""
     try:
         parsed: Any = json.loads(content)
     except (ValueError, RecursionError):
@@ -243,20 +239,12 @@ class Readiness:
         return next(reasons, None)
 
     def require_ready(self) -> None:
-        """Check that the robot accepts tasks and actions.
-
-        Raises:
-            RefusedError: the robot does not accept them.
-        """
+        """Raise RefusedError if the robot does not accept tasks and actions now."""
         if self.refusal:
             raise RefusedError(self.refusal)
 
     def require_located(self) -> None:
-        """Check that the robot knows its pose.
-
-        Raises:
-            RefusedError: the robot does not know its pose.
-        """
+        """Raise RefusedError if the robot is not initialised, or does not know its pose."""
         if not self.initialised:
             raise RefusedError(refusals.NOT_INITIALISED)
         if not self.located:

@@ -36,11 +36,7 @@ _TWICE = Sentence("fault.twice", "{fault}: {name} is given twice")
 
 
 def find_fault(name: str) -> Fault:
-    """Return the fault called `name`.
-
-    Raises:
-        FaultError: there is no such fault.
-    """
+    """Return the fault called `name`; raise FaultError if there is none."""
     try:
         return FAULTS[name]
     except KeyError:
@@ -74,11 +70,7 @@ _AT = Argument("at", 0.0, "time at which the fault begins", 0.0, unit="s of simu
 
 
 def _make_step(name: str, arguments: Mapping[str, object]) -> Step:
-    """Return a step of a scenario, with all defaults filled in.
-
-    Args:
-        name: name of the fault.
-        arguments: arguments of the fault, and `at`.
+    """Return a step of a scenario, with all defaults filled in, from arguments and `at`.
 
     Raises:
         FaultError: there is no such fault, or an argument is invalid.

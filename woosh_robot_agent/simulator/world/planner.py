@@ -45,11 +45,7 @@ class SearchBudget:
         self.left = left
 
     def visit(self) -> None:
-        """Count a visit of a place.
-
-        Raises:
-            SearchBudgetError: the budget is used up.
-        """
+        """Count a visit of a place; raise SearchBudgetError if the budget is used up."""
         self.left -= 1
         if self.left < 0:
             raise SearchBudgetError
