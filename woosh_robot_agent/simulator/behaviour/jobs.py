@@ -20,6 +20,7 @@ from woosh_robot_agent.simulator.body.devices import Device, Lift
 from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.timeline import ROUNDING
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Mark
 
 _STOP_GAP = 0.3
 """Gap that a robot leaves between its outline and the obstacle before which it stops, in metres."""
@@ -355,9 +356,10 @@ class LeaveCharger(Job):
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         robot.battery.charging = robot_pb2.Battery.kNot
-        if self._way_out is None and robot.charger is None:
-            return Progress(done=True, text="not at a charger")
-        self._way_out = self._way_out or leave_charger_job(robot)
+        if self._way_out is None:
+            if robot.charger is None:
+                return Progress(done=True, text="not at a charger")
+            self._way_out = leave_charger_job(robot, robot.charger)
         progress = self._way_out.tick(robot, dt)
         return replace(progress, text="left the charger") if progress.done else progress
 
@@ -367,11 +369,10 @@ class LeaveCharger(Job):
             self._way_out.suspend(robot)
 
 
-def leave_charger_job(robot: Robot) -> Job:
-    """Return the job that drives a robot out of a charger: backwards, unless it turned there."""
-    charger = robot.charger
-    distance = robot.dock_distance(charger) if charger else 0.0
-    turned = charger is not None and math.cos(robot.base.pose.theta - charger.pose.theta) < 0.0
+def leave_charger_job(robot: Robot, charger: Mark) -> Job:
+    """Return the job that drives a robot out of `charger`: backwards, unless it turned there."""
+    distance = robot.dock_distance(charger)
+    turned = math.cos(robot.base.pose.theta - charger.pose.theta) < 0.0
     return dock_job(robot, distance if turned else -distance, util_action_pb2.kSecondposQuit)
 
 

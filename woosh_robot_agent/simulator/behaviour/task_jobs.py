@@ -73,7 +73,7 @@ def task_jobs(
         drive = Navigate(target.pose.moved(-distance, 0.0, 0.0))
     jobs: list[Job] = []
     if robot.profile.tasks.leave_dock and robot.charger:
-        jobs.append(leave_charger_job(robot))
+        jobs.append(leave_charger_job(robot, robot.charger))
     for each in actions:
         kind = each.action
         if kind == util_action_pb2.kNav:
