@@ -16,6 +16,9 @@ class Obstacles:
 
     Each obstacle is a regular polygon with its corners on a circle. Positions are in the map's
     frame, and do not change when the robot switches to another map.
+
+    Attributes:
+        walls: sides of all obstacles: the same object until an obstacle changes.
     """
 
     def __init__(self) -> None:
@@ -23,8 +26,7 @@ class Obstacles:
         """Position of the centre and radius of each obstacle in metres, by name."""
         self._sides: dict[str, tuple[Wall, ...]] = {}
         """Sides of each obstacle, by name."""
-        self._all_sides: tuple[Wall, ...] = ()
-        """Sides of all obstacles together."""
+        self.walls: tuple[Wall, ...] = ()
 
     def put(self, name: str, x: float, y: float, radius: float = 0.3) -> None:
         """Add an obstacle, or move and resize the obstacle of the same name.
@@ -66,11 +68,6 @@ class Obstacles:
         """Names of all obstacles, in the order in which they were added."""
         return tuple(self._circles)
 
-    @property
-    def walls(self) -> tuple[Wall, ...]:
-        """Sides of all obstacles: the same object until an obstacle changes."""
-        return self._all_sides
-
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest obstacle, in metres.
 
@@ -86,7 +83,7 @@ class Obstacles:
         return nearest
 
     def _join_sides(self) -> None:
-        self._all_sides = tuple(side for sides in self._sides.values() for side in sides)
+        self.walls = tuple(side for sides in self._sides.values() for side in sides)
 
 
 def _polygon(x: float, y: float, radius: float) -> tuple[Wall, ...]:
