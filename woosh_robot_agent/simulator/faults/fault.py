@@ -28,7 +28,6 @@ _KINDS: dict[type, Said] = {
 """Names of the types of values."""
 _WITHIN = Sentence("argument.within", "{kind} from {low} to {high}")
 _AT_LEAST = Sentence("argument.atLeast", "{kind} of at least {low}")
-_AT_MOST = Sentence("argument.atMost", "{kind} of at most {high}")
 _IN_UNIT = Sentence("argument.inUnit", "{kind}, in {unit}")
 _UNITS = {
     unit: Sentence(f"unit.{unit}", unit)()
@@ -58,7 +57,7 @@ class Argument:
         default: default value, which also gives the type; None for an optional number.
         description: meaning of the argument, for the documentation.
         low: minimum of a number.
-        high: maximum of a number.
+        high: maximum of a number; finite only with a finite `low`.
         unit: unit of a number; empty if it has none.
         choices: valid texts; empty if other texts are valid too.
         is_message: True if the text must be empty or the full name of a protobuf message.
@@ -116,13 +115,10 @@ class Argument:
         if self.is_message:
             return _MESSAGE()
         text = _KINDS[self.kind]
-        has_low, has_high = math.isfinite(self.low), math.isfinite(self.high)
-        if has_low and has_high:
+        if math.isfinite(self.high):
             text = _WITHIN(kind=text, low=_number(self.low), high=_number(self.high))
-        elif has_low:
+        elif math.isfinite(self.low):
             text = _AT_LEAST(kind=text, low=_number(self.low))
-        elif has_high:
-            text = _AT_MOST(kind=text, high=_number(self.high))
         if not self.unit:
             return text
         return _IN_UNIT(kind=text, unit=_UNITS.get(self.unit, self.unit))
@@ -144,7 +140,7 @@ def _article(text: str) -> str:
     return Said(f"{article} {text}", text.key, text.values)
 
 
-End = Callable[[], None]
+End = Callable[[], object]
 """Ends a fault."""
 
 Begin = Callable[[Server, "Injection"], "End | None"]
