@@ -225,7 +225,7 @@ class Codes:
             kind: type of the action that the code concerns; `kTypeUndefined` for none.
             detail: further text in English, which is left out in other languages; may be empty.
         """
-        status = self._report(code, kind, detail)
+        status = self._publish_new(code, kind, detail)
         if code.level >= count_pb2.StatusCode.kWarn:
             self._statistics.problem_occurred(status)
 
@@ -237,18 +237,17 @@ class Codes:
             present: True if the cause is present at this moment.
         """
         if present and code.number not in self._abnormal:
-            status = self._abnormal[code.number] = self._report(code)
+            status = self._publish_new(code, util_action_pb2.kTypeUndefined, "")
+            self._abnormal[code.number] = status
             self._statistics.problem_began(status)
         elif not present and code.number in self._abnormal:
             del self._abnormal[code.number]
             self._statistics.problem_ended(code.number)
 
-    def _report(
-        self,
-        code: Code,
-        kind: util_action_pb2.Type = util_action_pb2.kTypeUndefined,
-        detail: str = "",
+    def _publish_new(
+        self, code: Code, kind: util_action_pb2.Type, detail: str
     ) -> count_pb2.StatusCode:
+        """Log a status code, send it to the clients and return it."""
         text = code.text(self._language)
         if detail and self._language == "en":
             text += f": {detail}"

@@ -209,12 +209,7 @@ def _repeat(server: Server, injection: Injection, push: Callable[[], None]) -> E
     Returns:
         A function that stops the calls.
     """
-    pushing = asyncio.ensure_future(_push_repeatedly(server, injection, push))
-
-    def end() -> None:
-        pushing.cancel()
-
-    return end
+    return asyncio.ensure_future(_push_repeatedly(server, injection, push)).cancel
 
 
 async def _push_repeatedly(server: Server, injection: Injection, push: Callable[[], None]) -> None:
