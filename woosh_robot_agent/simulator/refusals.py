@@ -228,14 +228,3 @@ NO_SSID = Refusal("content is not a JSON object with an ssid")
 
 REFUSALS = {name: value for name, value in [*globals().items()] if isinstance(value, Refusal)}
 """All situations of this module, by name."""
-
-
-def markdown() -> str:
-    """Return the refusals with special words or a status code as a Markdown table."""
-    rows = ["| Situation | Words of the real robot | Status code |", "| --- | --- | --- |"]
-    for name, each in REFUSALS.items():
-        if each.words == REQUEST_FAILED and each.code is None:
-            continue
-        code = f"{each.code.number}: {each.code.text('en')}" if each.code else ""
-        rows.append(f"| {name.lower().replace('_', ' ')} | {each.words} | {code} |")
-    return "\n".join(rows)
