@@ -19,9 +19,8 @@ from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.status_codes import failure_code
 from woosh_robot_agent.simulator.timeline import DelayedCalls, copy_of
 
-
 _MAX_HISTORY = 50
-"""Number of ended tasks that are kept."""
+"""Number of ended tasks whose last reports are kept."""
 
 _STARTING_STATES = {"kInit": util_task_pb2.kInit, "kReady": util_task_pb2.kReady}
 """States of a task before it is executed, by the name in the profile."""
@@ -31,7 +30,7 @@ _END_ACTION_STATES = {
     util_task_pb2.kCanceled: util_action_pb2.kRosCancel,
     util_task_pb2.kFailed: util_action_pb2.kRosFailure,
 }
-"""State of the last action of an ended task, by the state of the task."""
+"""State of the last action in the reports of an ended task, by the state of the task."""
 
 _NO_STATE = util_robot_pb2.kStateUndefined
 """State of the robot without a task."""
@@ -50,7 +49,7 @@ class TaskOrder:
         dest: number of the target mark, empty if the target is not a mark.
         jobs: returns the jobs of the task, in order. Called when the task starts, because jobs may
             depend on where the robot then stands.
-        automatic: True if the robot has started the task by itself.
+        automatic: True if the robot starts the task by itself.
         own_id: True if the robot has chosen the id.
     """
 
@@ -102,9 +101,9 @@ class Tasks:
         self._starting: deque[Callable[[], None]] = deque()
         """Calls that report the start of the task and begin its first job; one call per tick."""
         self._working = False
-        """True from the start of the current job until it ends or is stopped."""
+        """True while the current job runs: not before its start, nor after it ended or stopped."""
         self._canceling = False
-        """True from the cancellation of the task until the report that shows it."""
+        """True from the order to cancel the task until its end."""
         self._rest_of_set: deque[TaskOrder] = deque()
         """Tasks of the set that follow the current task."""
         self._last_id = 0
@@ -208,11 +207,7 @@ class Tasks:
         self._scheduled.add(self._order_delay(), self._begin_job)
 
     def end_wait(self) -> None:
-        """End the current wait of the task.
-
-        Raises:
-            RefusedError: the task is not waiting.
-        """
+        """End the current wait of the task; raise RefusedError if the task is not waiting."""
         if self.paused or not isinstance(self.job, Wait):
             raise RefusedError(refusals.NOT_WAITING)
         self._scheduled.add(self._order_delay(), self.job.end)
