@@ -75,7 +75,7 @@ class Timeline:
         self.on_schedule(time)
 
     def run_until(self, time: float) -> None:
-        """Advance the simulated time to `time`, and make the calls that are due by then, in order."""
+        """Advance the simulated time to `time`, and make the calls that are due by then."""
         while self.next_call <= time:
             self.elapsed = max(self.elapsed, self.next_call)
             heapq.heappop(self._calls)[2]()
