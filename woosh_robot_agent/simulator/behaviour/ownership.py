@@ -61,12 +61,12 @@ class Ownership:
 
     @property
     def navigation(self) -> Navigate | None:
-        """The navigation that owns the wheels, or else a paused one; None if there is none."""
+        """The navigation that drives or, if no job drives, a paused one; None if there is none."""
         job = self._tasks.job
-        # An action may drive while a task is paused.
-        if self._tasks.paused and self._actions.owner(Device.WHEELS):
-            return self._actions.navigation
-        return job if isinstance(job, Navigate) else self._actions.navigation
+        # An action may drive while a task is paused or waits for the action.
+        if isinstance(job, Navigate) and not self._actions.owner(Device.WHEELS):
+            return job
+        return self._actions.navigation
 
     @property
     def busy(self) -> bool:
@@ -78,6 +78,9 @@ class Ownership:
         job = self._tasks.job
         self._tasks.tick(dt, device_free=job is None or not self._actions.owner(job.device))
         self._actions.tick(dt)
+        if self.driver:
+            # A task that waited, or was between two tasks of its set, may now drive.
+            self._end_manual_driving()
 
     def start_tasks(self, orders: Sequence[TaskOrder]) -> None:
         """Start one task or the tasks of a set, in place of everything that drives or charges.
