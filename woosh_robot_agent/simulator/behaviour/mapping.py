@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
 import math
 from collections.abc import Collection
@@ -19,6 +20,7 @@ from woosh_robot_agent.simulator.scenes.robot_files import MAX_MAPS
 from woosh_robot_agent.simulator.scenes.scene import (
     MAX_NAME,
     Scene,
+    free_id,
     is_plain,
     with_map,
     with_map_changed,
@@ -374,14 +376,14 @@ class Deployment:
             raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=area.name)
         marks = area.marks
         if kind is PointKind.MARK:
-            id_ = max((mark.id for mark in marks.values()), default=0) + 1
-            while str(id_) in marks:
-                id_ += 1
             # The answer has only the id, so the mark's number, which tasks name, equals the id.
+            taken = {mark.id for mark in marks.values()}
+            ids = itertools.count(free_id(taken))
+            id_ = next(each for each in ids if each not in taken and str(each) not in marks)
             marks = {**marks, str(id_): Mark(id_, str(id_), pose)}
         else:
             entries = getattr(others, kind.value)
-            id_ = max((each.id for each in entries), default=0) + 1
+            id_ = free_id(each.id for each in entries)
             entry = entries.add(id=id_)
             position = entry.point if kind is PointKind.BEACON else entry.pose
             position.x, position.y = pose.point
