@@ -59,7 +59,8 @@ class AutoTasks:
         low = battery.percent <= setting.power.low
         if low and setting.allow.auto_charge and self._idle_time >= self._charge_after:
             self._start(MarkKind.CHARGER, util_task_pb2.kCharge)
-        elif setting.allow.auto_park and self._idle_time >= self._park_after:
+        parks = setting.allow.auto_park and self._idle_time >= self._park_after
+        if parks and not self._ownership.busy:  # it may just have begun to charge
             self._start(MarkKind.PARKSPOT, util_task_pb2.kParking)
 
     def _idle(self) -> bool:
