@@ -27,7 +27,7 @@ from scripts.markdown_table import table
 from woosh_robot_agent import endpoints, parameters
 from woosh_robot_agent.robot import status_codes
 from woosh_robot_agent.ros import standard_endpoints
-from woosh_robot_agent.simulator import faults, refusals
+from woosh_robot_agent.simulator import faults
 from woosh_robot_agent.simulator.command_line import make_parser as simulator_parser
 from woosh_robot_agent.tools.dashboard import program as dashboard
 from woosh_robot_agent.tools.options import add_link_options
@@ -104,7 +104,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "simulator-options": lambda: options_table(simulator_parser()),
     "simulator-faults": faults.markdown,
     "simulator-profile": simulator_tables.profile_table,
-    "simulator-refusals": refusals.markdown,
+    "simulator-refusals": simulator_tables.refusals_table,
     "simulator-requests": simulator_tables.requests_table,
     "simulator-scene": simulator_tables.scene_table,
     "vda5050-actions": vda5050_tables.actions,

@@ -1,4 +1,4 @@
-"""Tables of docs/simulator_reference.md: fields of a profile, keys of a scene, requests."""
+"""Tables of docs/simulator_reference.md: profile fields, refusals, scene keys, requests."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER
 from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
 from woosh_robot_agent.simulator.protocol.handlers import COMMANDS, QUERIES
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
+from woosh_robot_agent.simulator.refusals import REFUSALS, REQUEST_FAILED
 from woosh_robot_agent.simulator.scenes import scene_yaml
 
 _PROFILE_LINE = re.compile(
@@ -55,6 +56,16 @@ def profile_table() -> str:
         ("Field", "tr200", "Meaning"),
         (("<br>".join(keys), "<br>".join(values), meaning) for meaning, keys, values in rows),
     )
+
+
+def refusals_table() -> str:
+    """Return the refusals with special words or a status code as a Markdown table."""
+    rows = []
+    for name, each in REFUSALS.items():
+        if each.words != REQUEST_FAILED or each.code:
+            code = f"{each.code.number}: {each.code.text('en')}" if each.code else ""
+            rows.append((name.lower().replace("_", " "), each.words, code))
+    return table(("Situation", "Words of the real robot", "Status code"), rows)
 
 
 def scene_table() -> str:

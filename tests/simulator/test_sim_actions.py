@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from tests.quick_chassis import set_speed
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import wait_until
@@ -323,10 +324,14 @@ def test_lift_to_a_height_pauses_resumes_and_is_cancelled(
     assert too_high.startswith("lift")
 
 
-def test_nav_mode_action_limits_the_speed_and_ends(client: JsonClient) -> None:
+def test_nav_mode_action_limits_the_speed_and_ends(
+    client: JsonClient, simulator: SimulatorThread
+) -> None:
     client.subscribe("woosh.robot.PoseSpeed")
+    set_speed(simulator, 1.0)  # the mode is set before the robot has accelerated
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": 8}}})
     client.ask(CALL, {"navMode": {"mode": 1, "maxSpeed": 0.25}})
+    set_speed(simulator, 50.0)
     speeds, states = [], []
     while True:
         frame = client.receive()
@@ -366,6 +371,22 @@ def test_path_requests_refer_to_the_job_that_drives(client: JsonClient) -> None:
     assert goal() == paused
     client.ask(CALL, step_request(2, 3.0))
     assert goal() is None
+
+
+def test_path_requests_refer_to_the_action_for_which_a_task_waits(
+    client: JsonClient, simulator: SimulatorThread
+) -> None:
+    client.subscribe("woosh.robot.TaskProc")
+    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
+    client.next_push("woosh.robot.TaskProc", lambda body: body["state"] == 5)  # it waits
+    target = {"x": 3.0, "y": -5.0, "theta": 0.0}
+    set_speed(simulator, 1.0)  # the action still drives when the path is read
+    client.ask(CALL, {"moveBase": {"action": 1, "targetPose": target}})
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    client.next_push("woosh.robot.TaskProc", lambda body: body["robotTaskId"] == "77702")
+    client.next_push("woosh.robot.TaskProc", lambda body: body["state"] == 3)
+    (segment,) = client.ask("woosh.robot.PlanPath")["planPath"]
+    assert segment["target"] == target
 
 
 def test_zero_twist_pauses_a_moving_action(simulator: SimulatorThread, client: JsonClient) -> None:

@@ -51,6 +51,14 @@ def test_robot_charges_when_the_battery_is_low_then_parks(
     assert client.take_pushes(PROC) == []
 
 
+def test_robot_with_a_low_battery_parks_if_the_map_has_no_charger(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    client.ask("woosh.map.mark.storage.Delete", {"no": "C1"})
+    set_battery(simulator)
+    assert next_started_task(client)["type"] == PARKING
+
+
 def test_no_automatic_task_starts_unless_it_is_allowed(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:

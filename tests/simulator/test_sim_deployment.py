@@ -19,6 +19,8 @@ from tests.simulator.mapping import (
 )
 from tests.simulator.recorded_chassis import SteppedChassis, ask
 from tests.simulator.sim_wire import Json
+from woosh_robot_agent.simulator.timeline import copy_of
+from woosh_robot_agent.simulator.world.maps import Mark
 
 BEACONS, CODES, REFLECTORS, MARKS = 1, 2, 3, 4
 COLLECT, REMOVE, CALIBRATE = 1, 2, 3
@@ -72,6 +74,21 @@ def test_id_of_a_mark_is_its_number(chassis: SteppedChassis) -> None:
     assert len(set(numbers)) == 2
     groups = ask(chassis, "woosh.map.SceneDataEasy").body["maps"][0]["storages"]["bases"]
     assert [each["identity"]["no"] for each in groups[-2:]] == numbers
+
+
+@pytest.mark.parametrize("kind", LISTS)
+def test_point_gets_a_free_id_if_another_one_has_the_greatest(
+    chassis: SteppedChassis, kind: int
+) -> None:
+    model, greatest = chassis.chassis, 2**32 - 1
+    others = copy_of(model.map.other_marks)
+    for name in ("beacons", "artags", "reflectors"):
+        getattr(others, name).add(id=greatest)
+    marks = {**model.map.marks, "far": Mark(greatest, "far", model.base.pose)}
+    taken = {mark.id for mark in marks.values()}
+    model.change_map(replace(model.map, marks=marks, other_marks=others))
+    (marker,) = deploy(chassis, type=kind, mode=COLLECT)["markers"]
+    assert int(marker["id"]) not in (taken if kind == MARKS else {0, greatest})
 
 
 def test_collecting_is_a_new_version_of_the_map(chassis: SteppedChassis) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.simulator.recorded_chassis import SteppedChassis, ask, wait_frame
 from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import Outgoing, SimulatedChassis, SimulatorThread
@@ -16,6 +17,7 @@ OPERATION, STATE = "woosh.robot.OperationState", "woosh.robot.RobotState"
 ABNORMAL, CODES = "woosh.robot.count.AbnormalCodes", "woosh.robot.count.StatusCodes"
 AUTO, MANUAL, MAINTAIN = 1, 2, 3
 UNINIT, IDLE, FAULT, FOLLOWING = 1, 2, 6, 7
+ACTION_WAIT = 5
 TASK = ("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
 STEP = {"mode": 1, "value": 10.0}
 KEY = "key switch is at manual: turn it to automatic first"
@@ -173,11 +175,22 @@ def test_following_ends_with_any_other_command(
 def test_following_ends_with_a_resumed_job(
     simulator: SimulatorThread, client: JsonClient, begin: Ask, pause: Ask, resume: Ask
 ) -> None:
-    for ask in (begin, pause, ("woosh.robot.Follow", {"type": True})):
-        client.ask(*ask)
+    for request in (begin, pause, ("woosh.robot.Follow", {"type": True})):
+        client.ask(*request)
     assert simulator.state.following
     client.ask(*resume)
     assert not simulator.state.following
+
+
+def test_following_ends_with_the_wait_of_a_task(quick: SteppedChassis) -> None:
+    ask(quick, "woosh.robot.ExecPreTask", taskSetId=777)
+    wait_frame(quick, lambda frame: frame.type == PROC and frame.body["state"] == ACTION_WAIT)
+    ask(quick, "woosh.robot.Follow", type=True)
+    assert quick.chassis.follower.active
+    ask(quick, "woosh.robot.ActionOrder", order=3)
+    wait_frame(quick, lambda frame: frame.type == PROC and frame.body["robotTaskId"] == "77702")
+    quick.run(TIME_STEP)
+    assert not quick.chassis.follower.active
 
 
 def test_battery_drains_with_motion_and_charges_at_the_dock(

@@ -1,7 +1,8 @@
 """Profiles: the behaviour of one robot model, e.g. answer times and speeds, read from YAML files.
 
-The shipped profiles are in the folder `data/profiles/`. The comments in `tr200.yaml` describe the
-fields; docs/simulator_reference.md has the same descriptions as a table.
+The shipped profiles are in the folder `data/profiles/`. The comments in `tr200.yaml` describe each
+field; docs/simulator_reference.md has the same descriptions as a table. Unless a class names other
+units, all times are in seconds, distances in metres and speeds in m/s.
 """
 
 from __future__ import annotations
@@ -27,12 +28,9 @@ from woosh_robot_agent.simulator.world.laser import Laser
 
 
 class Distribution(NamedTuple):
-    """A distribution of times, in seconds. In a file it is a list: [median, usual, longest].
+    """Times of which half are at most `median`, 90 % at most `usual`, and all at most `longest`.
 
-    Attributes:
-        median: median.
-        usual: 90 % quantile.
-        longest: maximum.
+    In a file it is a list: [median, usual, longest].
     """
 
     median: float
@@ -43,7 +41,7 @@ class Distribution(NamedTuple):
         """Return a random time."""
         share = rng.random()
         if share <= 0.5:
-            # The profile gives no minimum, which is therefore set to 90 % of the median.
+            # The profile gives no minimum: take 90 % of the median.
             return self.median * (0.9 + 0.2 * share)
         if share <= 0.9:
             return self.median + (self.usual - self.median) * (share - 0.5) / 0.4
@@ -52,12 +50,7 @@ class Distribution(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """Uniformly distributed times, in seconds. In a file it is a list: [least, most].
-
-    Attributes:
-        least: minimum.
-        most: maximum.
-    """
+    """Uniformly distributed times. In a file it is a list: [least, most]."""
 
     least: float
     most: float
@@ -96,7 +89,7 @@ Count = Annotated[int, Between(0, 2**31 - 1)]
 
 @dataclass(frozen=True)
 class ModelProfile:
-    """Model; sizes in millimetres, weight and load in kilograms, outline in metres."""
+    """Section `model`: sizes in millimetres, weight and load in kilograms, outline in metres."""
 
     display_model: str
     urdf_name: str
@@ -110,7 +103,11 @@ class ModelProfile:
 
 @dataclass(frozen=True)
 class TaskProfile:
-    """Tasks: the steps that they have, and the times between their reports."""
+    """Section `tasks`: what tasks do, and how and when their reports show it.
+
+    If `empty_report` is None, no empty report follows the last one of a task. If
+    `obstacle_timeout` is None, an obstacle never makes a task fail.
+    """
 
     starting_states: tuple[Literal["kInit", "kReady"], ...]
     first_report: tuple[NotNegative, ...]
@@ -131,7 +128,7 @@ class TaskProfile:
 
 @dataclass(frozen=True)
 class AnswerProfile:
-    """Times from a request to its answer."""
+    """Section `answers`: times from a request to its answer; `requests` is by message type."""
 
     default: RisingDistribution
     requests: Annotated[Mapping[str, RisingDistribution], _check_requests]
@@ -140,7 +137,7 @@ class AnswerProfile:
 
 @dataclass(frozen=True)
 class MappingProfile:
-    """Times of making a map."""
+    """Section `mapping`: times of making a map."""
 
     start: RisingInterval
     state_after: NotNegative
@@ -152,7 +149,7 @@ class MappingProfile:
 
 @dataclass(frozen=True)
 class RateProfile:
-    """Periods of scans and of pushed reports."""
+    """Section `rates`: periods of scans and of pushed reports; None for never."""
 
     pose_speed: NotNegative
     scan: NotNegative
@@ -163,7 +160,7 @@ class RateProfile:
 
 @dataclass(frozen=True)
 class DrivingProfile:
-    """Speeds, and remote control."""
+    """Section `driving`: limits of the speed, turn rates in rad/s, and remote control."""
 
     max_speed: Annotated[float, Between(0.01, 10.0)]
     max_turn_rate: Annotated[float, Between(0.01, 20.0)]
@@ -174,7 +171,7 @@ class DrivingProfile:
 
 @dataclass(frozen=True)
 class BatteryProfile:
-    """The battery."""
+    """Section `battery`: rates in percent per second or metre, and constants of its reports."""
 
     idle_drain: NotNegative
     driving_drain: NotNegative
@@ -187,7 +184,10 @@ class BatteryProfile:
 
 @dataclass(frozen=True)
 class ChargingProfile:
-    """Docking, and charge tasks."""
+    """Section `charging`: docking, and charge tasks.
+
+    If `confirmed_after` is None, the action that charges ends when the battery is full.
+    """
 
     docking_distance: NotNegative
     docking_speed: NotNegative
@@ -198,7 +198,7 @@ class ChargingProfile:
 
 @dataclass(frozen=True)
 class RefusalProfile:
-    """Requests that are refused, and the texts and status codes of refusals."""
+    """Section `refusals`: which requests are refused, and how. Mappings are by message type."""
 
     always: Annotated[Mapping[str, str], _check_requests]
     texts: Annotated[Mapping[str, str], _check_requests]
@@ -209,14 +209,14 @@ class RefusalProfile:
 
 @dataclass(frozen=True)
 class StatusCodeProfile:
-    """Status codes."""
+    """Section `status_codes`."""
 
     language: Language
 
 
 @dataclass(frozen=True)
 class Profile:
-    """The behaviour of one robot model."""
+    """The behaviour of one robot model: the sections of a profile file."""
 
     model: ModelProfile
     tasks: TaskProfile
@@ -249,7 +249,7 @@ def load_profile(source: str | Path | Profile) -> Profile:
     """Return a profile.
 
     Args:
-        source: name of a shipped profile, path of a file, or a loaded profile.
+        source: name of a shipped profile, path of a YAML file, or a profile, which is returned.
 
     Raises:
         DataFileError: there is no such profile, or its file cannot be used.

@@ -33,11 +33,12 @@ class Refusal:
     """A situation in which the robot refuses a request.
 
     Attributes:
-        explanation: what is wrong, then after a colon what to do: a template for `str.format`.
+        explanation: what is wrong; usually followed by a colon and what to do. A template for
+            `str.format`.
         words: text of the real robot's answer.
         code: status code that follows the answer of the real robot; None if there is none.
-        harmless: True if the request merely has no effect. If the profile explains refusals, it is
-            answered `ok`, with the explanation; otherwise it is refused.
+        harmless: True if the request merely has no effect. With a profile that explains refusals,
+            it is then answered with `ok` true, and the explanation.
     """
 
     explanation: str
@@ -47,26 +48,25 @@ class Refusal:
 
     @property
     def reason(self) -> str:
-        """The explanation without the remedy."""
+        """The explanation up to the colon: what is wrong."""
         return self.explanation.partition(":")[0]
 
 
 class RefusedError(Exception):
-    """The robot refuses a request. The text is the explanation.
+    """The robot refuses a request. The text is the explanation, with its values.
 
     Args:
-        refusal: the situation; or just an explanation, for a situation without special words and
-            status code.
+        refusal: the situation; or just its explanation, if it has the usual words and no code.
         values: values for the template of the explanation.
 
     Attributes:
-        refusal: the situation.
+        refusal: the situation, always as a `Refusal`.
     """
 
     def __init__(self, refusal: Refusal | str, **values: object) -> None:
         self.refusal = Refusal(refusal) if isinstance(refusal, str) else refusal
         explanation = self.refusal.explanation
-        # Without values the text is no template, but final: it may have braces that a client sent.
+        # Text without values is not a template: it may contain braces that a client has sent.
         super().__init__(explanation.format(**values) if values else explanation)
 
 
@@ -200,7 +200,6 @@ SAVE_OUTSIDE_DEPLOYMENT = Refusal(
 )
 # `phase` is the value of a `behaviour.mapping.Phase`, e.g. "is running".
 MAPPING_RUNS = Refusal("mapping of {map} {phase}: save or cancel it first")
-# while the mapping is being started, saved or cancelled
 MAPPING_CHANGES = Refusal("mapping of {map} {phase}: wait for the answer to BuildMap first")
 UPDATE_UNKNOWN_SCENE = Refusal(
     "unknown scene {scene}: use one of {scenes}", code=codes.UPDATE_PARAMETERS
@@ -227,16 +226,5 @@ TEXT_TOO_LONG = Refusal("{field} is longer than {limit} characters: give a short
 NETWORK_NOT_KNOWN = Refusal("network {ssid} is not known: add it first")
 NO_SSID = Refusal("content is not a JSON object with an ssid")
 
-REFUSALS = {name: value for name, value in vars().copy().items() if isinstance(value, Refusal)}
-"""All situations, by name."""
-
-
-def markdown() -> str:
-    """Return the refusals with special words or a status code as a Markdown table."""
-    rows = ["| Situation | Words of the real robot | Status code |", "| --- | --- | --- |"]
-    for name, each in REFUSALS.items():
-        if each.words == REQUEST_FAILED and each.code is None:
-            continue
-        code = f"{each.code.number}: {each.code.text('en')}" if each.code else ""
-        rows.append(f"| {name.lower().replace('_', ' ')} | {each.words} | {code} |")
-    return "\n".join(rows)
+REFUSALS = {name: value for name, value in [*globals().items()] if isinstance(value, Refusal)}
+"""All situations of this module, by name."""

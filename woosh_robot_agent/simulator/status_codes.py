@@ -34,7 +34,7 @@ class Code(NamedTuple):
         return _LEVELS[self.number % 10]
 
     def text(self, language: Language) -> str:
-        """Return the text in a language."""
+        """Return the text in a language; empty for `none`."""
         return {"zh": self.chinese, "en": meaning(self.number), "none": ""}[language]
 
 
@@ -99,9 +99,9 @@ _FAILURE_CODES = {
     action_pb2.kSecondposEnter: DOCKING_FAILED,
     action_pb2.kSecondposQuit: LEAVING_DOCK_FAILED,
 }
-"""Codes of failed jobs, by the type of the job. `NAVIGATION_FAILED` stands for all others."""
+"""Codes of failed jobs, by the type of the job. All other jobs have `NAVIGATION_FAILED`."""
 
 
 def failure_code(kind: action_pb2.Type) -> Code:
-    """Return the status code for a failed job of a task, given the type of the job."""
+    """Return the status code that reports the failure of a job of this type in a task."""
     return _FAILURE_CODES.get(kind, NAVIGATION_FAILED)

@@ -30,16 +30,14 @@ class Timeline:
     """The clock of the robot, the scheduled calls, and the emitted messages.
 
     Args:
-        robot_id: number of the robot, which all its messages have.
-        start_time: Unix time at which the simulated clock starts, in seconds.
-        clock_offset: time by which the clock of the robot is ahead of real time, in seconds.
+        start_time: Unix time of the start, in seconds, by a clock without `clock_offset`.
 
     Attributes:
         robot_id: number of the robot.
-        clock_offset: time by which the clock of the robot is ahead of real time, in seconds.
+        clock_offset: time by which the clock of the robot is ahead, in seconds; negative: behind.
         elapsed: simulated time since the start, in seconds.
-        stepped: the time up to which the motion is computed, in seconds.
-        on_schedule: called with the time of each call that is scheduled.
+        stepped: simulated time up to which the motion is computed, in seconds.
+        on_schedule: called for each call that is scheduled, with the simulated time of that call.
         on_change: called after each scheduled call, which may have changed something.
     """
 
@@ -52,10 +50,10 @@ class Timeline:
         self.on_change: Call = lambda: None
         self._start_time = start_time
         self._calls: list[tuple[float, int, Call]] = []
-        """Scheduled calls, as a heap: time, number of the call (for equal times), call."""
+        """Scheduled calls, as a heap: simulated time, number for the order of equal times, call."""
         self._numbers = itertools.count()
         self._events: list[Message] = []
-        """Messages that were emitted since the last call of `take_events`, in order."""
+        """Messages for the next `take_events`, in order."""
 
     @property
     def time(self) -> float:
@@ -68,7 +66,7 @@ class Timeline:
         return self._calls[0][0] if self._calls else math.inf
 
     def after(self, delay: float, call: Call) -> None:
-        """Schedule a call in `delay` seconds of simulated time, or call now if that is 0."""
+        """Schedule a call in `delay` seconds of simulated time; call at once unless `delay` > 0."""
         if delay <= 0.0:
             call()
             return
@@ -77,7 +75,7 @@ class Timeline:
         self.on_schedule(time)
 
     def run_until(self, time: float) -> None:
-        """Advance the simulated time within a step, and make the scheduled calls that are due."""
+        """Advance the simulated time to `time`, and make the calls that are due by then."""
         while self.next_call <= time:
             self.elapsed = max(self.elapsed, self.next_call)
             heapq.heappop(self._calls)[2]()
@@ -85,11 +83,11 @@ class Timeline:
         self.elapsed = max(self.elapsed, time)
 
     def emit(self, event: Message) -> None:
-        """Send a message to all its subscribers. It must not be modified afterwards."""
+        """Queue a message for its subscribers. It must not be modified afterwards."""
         self._events.append(event)
 
     def take_events(self) -> list[Message]:
-        """Return the messages that were emitted since the last call, in order."""
+        """Return the messages that were emitted since `take_events` was last called, in order."""
         events, self._events = self._events, []
         return events
 
@@ -100,10 +98,10 @@ class DelayedCalls:
     def __init__(self, timeline: Timeline) -> None:
         self._timeline = timeline
         self._cancellations = 0
-        """Number of calls of `cancel_all`."""
+        """Number of calls of `cancel_all`. A scheduled call is skipped if it has changed since."""
 
     def add(self, delay: float, call: Call) -> None:
-        """Schedule a call in `delay` seconds of simulated time, or call now if that is 0."""
+        """Schedule a call like `Timeline.after`; `cancel_all` cancels it."""
         cancellations = self._cancellations
 
         def call_unless_cancelled() -> None:

@@ -18,15 +18,15 @@ REPORT_PERIOD = 1.0
 
 @dataclass
 class _Run:
-    """A current execution of an action.
+    """An action that is executed or paused.
 
     Attributes:
         name: name of the action.
         job: job of the action.
         paused: True if the action is paused.
         started: True if the start of the action has been reported.
-        impeded: True if an obstacle blocks the action at the moment.
-        reported_at: simulated time of the last report, in seconds.
+        impeded: True if an obstacle blocks the action now. A paused action is not impeded.
+        reported_at: simulated time of the last report, in seconds; 0 before the first.
     """
 
     name: str
@@ -38,10 +38,12 @@ class _Run:
 
 
 class Actions:
-    """The current actions. `Ownership` decides which of them may run.
+    """The current actions, each executed or paused. `Ownership` decides which of them may run.
+
+    An action is known by its full protobuf name, e.g. `woosh.ros.action.MoveBase`.
 
     Attributes:
-        last: the last feedback of each action since the start, by name.
+        last: the last feedback about each action, ended ones included, by name.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -52,7 +54,7 @@ class Actions:
 
     @property
     def impeded(self) -> bool:
-        """True if an obstacle blocks an action at the moment."""
+        """True if an obstacle blocks an action now."""
         return any(run.impeded for run in self._runs.values())
 
     @property
@@ -67,8 +69,8 @@ class Actions:
         return bool(self._runs)
 
     def owner(self, device: Device) -> str:
-        """Return the short name of the action that owns `device`; empty if no action owns it."""
-        if device is Device.NONE:  # actions without a device do not exclude each other
+        """Return the short name of the action that runs on `device`; empty if there is none."""
+        if device is Device.NONE:  # several actions without a device can run together
             return ""
         for run in self._runs.values():
             if run.job.device is device and not run.paused:
@@ -76,34 +78,30 @@ class Actions:
         return ""
 
     def paused_job(self, name: str) -> Job | None:
-        """Return the job of an action, or None if the action is not paused.
+        """Return the job of an action if it is paused, None if it runs.
 
         Raises:
-            RefusedError: there is no such action.
+            RefusedError: the action neither runs nor is paused.
         """
         run = self._find(name)
         return run.job if run.paused else None
 
     def start(self, name: str, job: Job) -> None:
-        """Run `job` as the action `name`, in place of a current execution of this action."""
+        """Run `job` as the action `name`, which is cancelled first if it runs or is paused."""
         if name in self._runs:
             replaced = f"replaced by {short_name(name)}"
             self._end(self._runs[name], ros_pack_pb2.kRosCancel, replaced)
         self._runs[name] = _Run(name, job)
 
     def cancel(self, name: str) -> None:
-        """Cancel an action.
-
-        Raises:
-            RefusedError: there is no such action.
-        """
+        """Cancel an action; raise RefusedError if it neither runs nor is paused."""
         self._end(self._find(name), ros_pack_pb2.kRosCancel, "cancelled")
 
     def pause(self, name: str) -> None:
-        """Pause an action.
+        """Pause an action. A paused action stays paused.
 
         Raises:
-            RefusedError: there is no such action.
+            RefusedError: the action neither runs nor is paused.
         """
         self._pause(self._find(name), "paused")
 
@@ -114,14 +112,10 @@ class Actions:
                 self._pause(run, reason)
 
     def resume(self, name: str) -> None:
-        """Resume a paused action.
-
-        Raises:
-            RefusedError: there is no such action.
-        """
+        """Resume a paused action; raise RefusedError if there is no such action."""
         run = self._find(name)
         run.paused = False
-        run.job.suspend(self._robot)  # resets the timeouts of the job, and its path
+        run.job.suspend(self._robot)  # again: what it knew at the pause may be outdated by now
         self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
 
     def cancel_on(self, device: Device, reason: str) -> None:
@@ -135,12 +129,12 @@ class Actions:
             self._end(run, ros_pack_pb2.kRosExecuteFailed, reason)
 
     def tick(self, dt: float) -> None:
-        """Work on every action for `dt` seconds."""
+        """Work on the actions that are not paused for `dt` seconds, and report their progress."""
         for run in list(self._runs.values()):
             if run.paused:
                 continue
             if not run.started:
-                # Reported here so that the report follows the answer to the request.
+                # Reported only now, so that the report follows the answer to the request.
                 run.started = True
                 self._report(run, ros_pack_pb2.kRosExecuting, "started")
                 continue

@@ -1,4 +1,4 @@
-"""Automatic tasks, i.e. charging and parking, which the robot starts by itself."""
+"""Tasks that the robot starts by itself: charging and parking."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ _PARKED_DISTANCE = 0.3
 class AutoTasks:
     """Starts an automatic task, i.e. charging or parking, when the robot is idle for long enough.
 
-    The robot is idle while it is ready, has no job, stands still, and no client has reserved it or
-    sent a command. Any command of a client takes precedence over an automatic task.
+    The robot is idle while it is ready, has no task or action, stands still, does not charge, and
+    is not reserved by a client. A command of a client restarts the idle time.
 
     Args:
         robot: the robot.
         tasks: the tasks of the robot.
         ownership: starts the automatic tasks.
-        charge_after: idle time before a robot with a low battery drives to a charger, in seconds.
-        park_after: idle time before a robot drives to a parking place, in seconds.
+        charge_after: idle time before a robot with a low battery drives to a charger, in simulated
+            seconds.
+        park_after: idle time before a robot drives to a parking place, in simulated seconds.
     """
 
     def __init__(
@@ -41,24 +42,25 @@ class AutoTasks:
         self._charge_after = charge_after
         self._park_after = park_after
         self._idle_time = 0.0
-        """Time since the robot became idle, in seconds."""
+        """Simulated time since the robot became idle or got a command, in seconds."""
 
     def postpone(self) -> None:
         """Restart the idle time, because a client has sent a command."""
         self._idle_time = 0.0
 
     def tick(self, dt: float) -> None:
-        """Let `dt` seconds pass, and start or end an automatic task."""
+        """Let `dt` seconds pass. Start an automatic task if it is due, or end a forbidden one."""
         if not self._idle():
             self._idle_time = 0.0
-            self._end_disallowed()
+            self._end_forbidden()
             return
         self._idle_time += dt
         setting, battery = self._robot.setting, self._robot.battery
         low = battery.percent <= setting.power.low
         if low and setting.allow.auto_charge and self._idle_time >= self._charge_after:
             self._start(MarkKind.CHARGER, util_task_pb2.kCharge)
-        elif setting.allow.auto_park and self._idle_time >= self._park_after:
+        parks = setting.allow.auto_park and self._idle_time >= self._park_after
+        if parks and not self._ownership.busy:  # it may just have begun to charge
             self._start(MarkKind.PARKSPOT, util_task_pb2.kParking)
 
     def _idle(self) -> bool:
@@ -66,7 +68,7 @@ class AutoTasks:
         busy = self._ownership.busy or robot.base.moving or robot.battery.charges or robot.occupied
         return robot.readiness.ready and not busy
 
-    def _end_disallowed(self) -> None:
+    def _end_forbidden(self) -> None:
         """Cancel an automatic task that the settings no longer allow."""
         if not self._tasks.automatic:
             return
@@ -77,7 +79,11 @@ class AutoTasks:
             self._tasks.cancel("automatic parking is no longer allowed")
 
     def _start(self, mark_kind: MarkKind, kind: util_task_pb2.Type) -> None:
-        """Start a task at the nearest mark of a kind, unless the robot is already parked there."""
+        """Start a task at the nearest mark of a kind.
+
+        Do nothing if the map has no such mark, the scene has no actions for the task, or the robot
+        already stands at the parking place.
+        """
         robot = self._robot
         mark = robot.nearest_mark(mark_kind)
         actions = robot.scene.action_groups.actions(kind, 0)

@@ -20,30 +20,28 @@ from woosh_robot_agent.simulator.body.devices import Device, Lift
 from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.timeline import ROUNDING
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Mark
 
 _STOP_GAP = 0.3
-"""Gap between the outline of a stopped robot and the obstacle, in metres."""
+"""Gap that a robot leaves between its outline and the obstacle before which it stops, in metres."""
 
 _SIDE_GAP = 0.05
-"""Gap between the outline and obstacles beside the path, in metres."""
+"""Gap that a robot needs between its outline and obstacles beside its path, in metres."""
 
 _TOLERANCE = 5e-3
-"""Tolerance for obstacles that are already too close, in metres."""
+"""Distance by which a robot may get nearer to an obstacle that is already too close, in metres."""
 
 
 def is_clear(robot: Robot, direction: float, distance: float) -> bool:
-    """Return True if the base can go on without coming too close to an obstacle.
+    """Return True if the base can drive on without coming too close to an obstacle.
 
     The walls of the map do not count: planned paths keep away from them.
 
     Args:
         robot: the robot.
-        direction: direction of the motion from straight ahead, in radians.
+        direction: direction of the motion, counter-clockwise from straight ahead, in radians.
         distance: length of the motion, in metres. Obstacles further away are ignored.
     """
-    obstacles = robot.obstacles.walls
-    if not obstacles:
-        return True
     cos, sin = math.cos(direction), math.sin(direction)
     outline = robot.outline
     front = max(x * cos + y * sin for x, y in outline)
@@ -53,7 +51,7 @@ def is_clear(robot: Robot, direction: float, distance: float) -> bool:
     length = min(distance, max(0.0, braking + front + _STOP_GAP - half_width))
     here = robot.base.pose
     there = here.moved(length * cos, length * sin, 0.0).point
-    for wall in obstacles:
+    for wall in robot.obstacles.walls:
         # The robot may move away from an obstacle that is already too close.
         limit = min(half_width, wall.distance(*here.point) - _TOLERANCE)
         if wall.line_distance(here.point, there) < limit:
@@ -69,8 +67,8 @@ class Progress:
         done: True if the job has ended, successfully or not.
         failure: reason of the failure; empty if the job did not fail.
         code: status code of the failure; 0 without one.
-        text: description of the progress, for reports.
-        impeded: True if an obstacle blocks the job at the moment; `text` describes the obstacle.
+        text: description of the progress or of the obstacle, for reports; may be empty.
+        impeded: True if an obstacle blocks the job now.
     """
 
     done: bool = False
@@ -81,10 +79,10 @@ class Progress:
 
 
 class Job(ABC):
-    """Something that the robot does over time, e.g. drive to a mark: a step of a task or action.
+    """Something that the robot does over time, e.g. drive to a mark. Tasks and actions have jobs.
 
     Attributes:
-        device: device that the job owns while it runs.
+        device: device that the job owns while it runs; `NONE` if it needs none.
         kind: the `woosh.action.Type` in reports about the job.
     """
 
@@ -96,7 +94,7 @@ class Job(ABC):
         """Work for `dt` seconds of simulated time."""
 
     def suspend(self, robot: Robot) -> None:  # noqa: B027 - most jobs need nothing
-        """Prepare for a pause: the next tick may come later and at another place, or never."""
+        """Prepare for a pause or an end: the next tick may come later, elsewhere, or never."""
 
 
 def failed(reason: str, code: int = 0) -> Progress:
@@ -105,11 +103,7 @@ def failed(reason: str, code: int = 0) -> Progress:
 
 
 class Done(Job):
-    """Ends at once, because everything was done before it started.
-
-    Args:
-        text: text of the job's report.
-    """
+    """Ends at once, because everything was done before it started; reports `text`."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -122,7 +116,7 @@ class Wait(Job):
     """Waits for a time, or until `end` is called.
 
     Args:
-        seconds: the time, in seconds. It may be infinite.
+        seconds: the time, in simulated seconds. It may be infinite.
         number: number of the wait in reports; 0 for its position among the waits of the task.
     """
 
@@ -131,7 +125,7 @@ class Wait(Job):
     def __init__(self, seconds: float, number: int = 0) -> None:
         self.number = number
         self._left = seconds
-        """Remaining time, in seconds."""
+        """Remaining time, in seconds; not positive at the end."""
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         self._left -= dt
@@ -145,7 +139,7 @@ class Wait(Job):
 
 
 _OBSTACLE_TIMEOUT = 5.0
-"""Time after which `Steps` fails if an obstacle stays in the way, in seconds."""
+"""Time after which `Steps` with `avoid` fails at an obstacle that stays, in seconds."""
 
 STEP_SPEED = 0.5
 """Default speed of steps, in m/s or rad/s."""
@@ -169,7 +163,7 @@ class Shift:
     speed: float
 
     def remaining(self, start: Pose, now: Pose) -> float:
-        """Return the remaining signed distance, in metres."""
+        """Return the remaining distance in metres, with the sign of the motion that it needs."""
         heading = start.theta + self.direction
         travelled = (now.x - start.x) * math.cos(heading) + (now.y - start.y) * math.sin(heading)
         return self.distance - travelled
@@ -197,7 +191,7 @@ class Turn:
     speed: float
 
     def remaining(self, start: Pose, now: Pose) -> float:
-        """Return the remaining signed angle, in radians."""
+        """Return the remaining angle in radians, with the sign of the turn that it needs."""
         return self.angle - (now.theta - start.theta)
 
     def velocity(self, remaining: float, dt: float) -> Velocity:
@@ -213,9 +207,10 @@ class Steps(Job):
     """Makes steps one after the other.
 
     Args:
-        steps: at least one step.
-        avoid: True to stop before an obstacle and wait some seconds for it to go away. False to
-            drive until the base touches the obstacle, and fail at once.
+        steps: the steps, in order.
+        avoid: True to stop before an obstacle and wait some seconds for it to go away; False to
+            drive until the base touches it, and fail at once. At a wall of the map, the base
+            always drives until it touches the wall.
         kind: the `woosh.action.Type` in reports.
     """
 
@@ -234,12 +229,15 @@ class Steps(Job):
         self._count = len(self._steps)
         """Number of all steps."""
         self._start: Pose | None = None
-        """Pose in the odometry at the start of the current step, None before it has started."""
+        """Odometry at the start of the current step, None before it has started.
+
+        The odometry never jumps, unlike the pose in the map.
+        """
         self._blocked_for = 0.0
-        """Time for which an obstacle has been in the way, in seconds."""
+        """Time for which an obstacle or a wall has been in the way, in seconds."""
         self._avoid = avoid
         self._timeout = _OBSTACLE_TIMEOUT if avoid else 0.0
-        """Time after which an obstacle in the way makes the job fail, in seconds."""
+        """Value of `_blocked_for` above which the job fails, in seconds."""
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         base = robot.base
@@ -266,7 +264,7 @@ class Steps(Job):
         return Progress(done=True, text=f"{self._count} of {self._count} steps done")
 
     def _clear_ahead(self, robot: Robot) -> bool:
-        """Return True if no obstacle is in the way of the current step."""
+        """Return True if no obstacle is in the way of the current step. A turn needs no way."""
         step = self._steps[0] if self._steps else None
         if not isinstance(step, Shift) or self._start is None:
             return True
@@ -284,8 +282,8 @@ class MoveLift(Job):
 
     Args:
         lift: the lift.
-        heights: heights, in metres.
-        speed: speed in m/s, of either sign; 0 for the default of the lift.
+        heights: at least one height that the lift can reach, in metres.
+        speed: speed, in m/s; 0 for the default of the lift.
     """
 
     kind = util_action_pb2.kCarry
@@ -295,7 +293,7 @@ class MoveLift(Job):
         self._lift = lift
         self._heights = list(heights)
         """Heights that the lift has not reached yet, in metres."""
-        self._speed = abs(speed) or lift.default_speed
+        self._speed = speed or lift.default_speed
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         if not robot.readiness.motors_on:
@@ -311,8 +309,8 @@ class MoveLift(Job):
 class Charge(Job):
     """Charges at a charger.
 
-    Depending on the profile, the job ends when the battery is full as defined by the settings, or
-    some seconds after its start, although the battery goes on charging.
+    With `confirmed_after` in the profile, the job ends that time after its start, and the battery
+    goes on charging. Otherwise it ends when the battery is full as defined by the settings.
     """
 
     device = Device.CHARGER
@@ -320,7 +318,7 @@ class Charge(Job):
 
     def __init__(self) -> None:
         self._time = 0.0
-        """Time since the start of the job, in seconds."""
+        """Time since the job started or was resumed, in seconds."""
         self._keeps_charging = False
         """True if the battery goes on charging after the end of the job."""
 
@@ -358,9 +356,10 @@ class LeaveCharger(Job):
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         robot.battery.charging = robot_pb2.Battery.kNot
-        if self._way_out is None and robot.charger is None:
-            return Progress(done=True, text="not at a charger")
-        self._way_out = self._way_out or leave_charger_job(robot)
+        if self._way_out is None:
+            if robot.charger is None:
+                return Progress(done=True, text="not at a charger")
+            self._way_out = leave_charger_job(robot, robot.charger)
         progress = self._way_out.tick(robot, dt)
         return replace(progress, text="left the charger") if progress.done else progress
 
@@ -370,11 +369,10 @@ class LeaveCharger(Job):
             self._way_out.suspend(robot)
 
 
-def leave_charger_job(robot: Robot) -> Job:
-    """Return the job that drives a robot out of a charger: backwards, unless it turned there."""
-    charger = robot.charger
-    distance = robot.dock_distance(charger) if charger else 0.0
-    turned = charger is not None and math.cos(robot.base.pose.theta - charger.pose.theta) < 0.0
+def leave_charger_job(robot: Robot, charger: Mark) -> Job:
+    """Return the job that drives a robot out of `charger`: backwards, unless it turned there."""
+    distance = robot.dock_distance(charger)
+    turned = math.cos(robot.base.pose.theta - charger.pose.theta) < 0.0
     return dock_job(robot, distance if turned else -distance, util_action_pb2.kSecondposQuit)
 
 

@@ -15,24 +15,23 @@ from woosh_robot_agent.simulator.timeline import ROUNDING
 from woosh_robot_agent.simulator.world.geometry import Point
 
 _LEADER_DISTANCE = 1.0
-"""Distance that a following robot keeps from its centre to the nearest side of the leader, in
-metres."""
+"""Distance that a following robot keeps from its centre to its leader, in metres."""
 
 _MAX_LEADER_DISTANCE = 3.0
-"""Distance up to which the robot sees a leader, in metres."""
+"""Distance from the centre of the robot up to which it sees a leader, in metres."""
 
 _MAX_LEADER_BEARING = 1.0
 """Angle from straight ahead up to which the robot sees a leader, in radians."""
 
 _MAX_DRIVING_BEARING = 0.3
-"""Angle from straight ahead up to which the robot drives while it turns, in radians."""
+"""Angle from straight ahead to the leader up to which the robot does not just turn, in radians."""
 
 _FOLLOWING_SPEED = 0.8
 """Maximum speed while following, in m/s."""
 
 
 class Follower:
-    """Follows a leader, the nearest obstacle ahead, at a distance. Without one the robot stands.
+    """Follows the nearest obstacle ahead, its leader, at a distance. Without one the robot stands.
 
     Attributes:
         active: True if a client has ordered the robot to follow.
@@ -42,7 +41,7 @@ class Follower:
         self.active = False
 
     def tick(self, robot: Robot, dt: float) -> None:
-        """Drive for `dt` seconds."""
+        """Drive for `dt` seconds, if the robot follows and sees a leader."""
         leader = _leader(robot) if self.active else None
         if leader is None:
             return  # a base that is not driven slows down
@@ -56,7 +55,7 @@ class Follower:
 
 
 def _leader(robot: Robot) -> Point | None:
-    """Return the leader's position: the middle of the nearest visible side of an obstacle."""
+    """Return the middle of the nearest side of an obstacle that the robot sees; None if none."""
     pose = robot.base.pose
     sides = [
         ((wall.x1 + wall.x2) / 2.0, (wall.y1 + wall.y2) / 2.0) for wall in robot.obstacles.walls
@@ -71,20 +70,20 @@ def _leader(robot: Robot) -> Point | None:
 
 
 COMMAND_TIMEOUT = 0.5
-"""Time after which the base slows down unless a new command arrives, in seconds."""
+"""Simulated time after which the base slows down unless a new command arrives, in seconds."""
 
 
 class Teleop:
     """Drives the base by the last velocity command until the command times out.
 
     Args:
-        start_delay: time from the first command to the first motion, in seconds.
+        start_delay: time from the first command to the first motion of a standing base, in seconds.
     """
 
     def __init__(self, start_delay: float) -> None:
         self._start_delay = start_delay
         self._waiting = 0.0
-        """Remaining time until the base starts to move, in seconds."""
+        """Remaining time until the base starts to move, in seconds; not positive if it may move."""
         self._velocity: Velocity | None = None
         """Velocity of the last command, None if there is none or it timed out."""
         self._left = 0.0

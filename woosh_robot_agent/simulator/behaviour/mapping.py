@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
 import math
 from collections.abc import Collection
@@ -19,6 +20,7 @@ from woosh_robot_agent.simulator.scenes.robot_files import MAX_MAPS
 from woosh_robot_agent.simulator.scenes.scene import (
     MAX_NAME,
     Scene,
+    free_id,
     is_plain,
     with_map,
     with_map_changed,
@@ -44,11 +46,7 @@ _MIN_DISTANCE, _MIN_ANGLE = 0.02, 0.02
 
 
 def require_name(field: str, name: str) -> None:
-    """Check that the text of a request's field can be the name of a scene or map.
-
-    Raises:
-        RefusedError: the name is empty, too long, or a path.
-    """
+    """Raise RefusedError if the `name` in a request's `field` is empty, too long, or a path."""
     if not name:
         raise RefusedError(refusals.NO_NAME, field=field)
     if not is_plain(name):
@@ -59,7 +57,7 @@ def require_name(field: str, name: str) -> None:
 
 
 class Phase(Enum):
-    """Phase of the mapping. The value describes it for a refusal."""
+    """Phase of the mapping. The value says it in a refusal."""
 
     NONE = "is not running"
     STARTING = "is being started"
@@ -75,8 +73,10 @@ class MapBuilder:
     current map. After saving or cancelling, the robot has to be initialised.
 
     Attributes:
-        draft: the new map without its cells; None if there is none or a map is being updated.
-        picture_time: simulated time at which the last picture of the map was due, in seconds.
+        draft: the new map with the marks collected so far, but without cells. None if no map is
+            being made, or the current map is being updated.
+        picture_time: simulated time at which the last picture of the map was due, in seconds; 0
+            before the first.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -85,18 +85,18 @@ class MapBuilder:
         self._robot = robot
         self._profile = robot.profile.mapping
         self._pictures = DelayedCalls(robot)
-        """The scheduled next picture of the map."""
+        """The next request for a picture; none are scheduled unless the mapping is running."""
         self._phase = Phase.NONE
         self._scene_name = self._map_name = ""
-        """Names of the map that is being made, and of its scene."""
+        """Names of the map that is or was last being made, and of its scene; empty at first."""
         self._grid: GrowingGrid | None = None
-        """Cells of the map; None while no map is being made."""
+        """Cells of the map, from the first scan to the end of the mapping; else None."""
         self._located_before = True
         """True if the robot knew its pose before the mapping."""
         self._added_time = -math.inf
-        """Simulated time of the last scan that was added, in seconds."""
+        """Simulated time of the last scan that was added, in seconds; -inf before the first."""
         self._added_pose = Pose()
-        """Pose of the robot at the scan that was added last."""
+        """Pose of the robot at the last scan that was added."""
 
     @property
     def active(self) -> bool:
@@ -105,33 +105,23 @@ class MapBuilder:
 
     @property
     def raster(self) -> Raster | None:
-        """The map so far; None while no map is being made."""
+        """The map so far; None unless the mapping is running."""
         return self._grid.raster() if self._grid and self._phase is Phase.RUNNING else None
 
     def require_none(self, refusal: Refusal) -> None:
-        """Check that no map is being made.
-
-        Raises:
-            RefusedError: a map is being made. The error has the given `refusal`.
-        """
+        """Raise `refusal`, which may use the values `map` and `phase`, if a map is being made."""
         if self._phase is not Phase.NONE:
             raise RefusedError(refusal, map=self._map_name, phase=self._phase.value)
 
     def require_settled(self) -> None:
-        """Check that the mapping is not being started or ended.
-
-        Raises:
-            RefusedError: the mapping is being started or ended.
-        """
+        """Raise RefusedError while a mapping is being started, saved or cancelled."""
         if self._phase not in (Phase.NONE, Phase.RUNNING):
             self.require_none(refusals.MAPPING_CHANGES)
 
     def add(self, scene_name: str, map_name: str) -> float:
         """Begin to make a new map; return the time until the answer to the request, in seconds.
 
-        Args:
-            scene_name: name of a new or an existing scene.
-            map_name: name of the map.
+        The scene may be a new one.
 
         Raises:
             RefusedError: the robot cannot start now, or cannot make this map.
@@ -143,12 +133,8 @@ class MapBuilder:
     def update(self, scene_name: str, map_name: str) -> float:
         """Begin to continue the current map; return the time until the answer, in seconds.
 
-        Args:
-            scene_name: name of the current scene.
-            map_name: name of the current map.
-
         Raises:
-            RefusedError: the robot cannot start now, or this is not the current map.
+            RefusedError: the robot cannot start now, or the names are not those of the current map.
         """
         self._require_startable(scene_name, map_name)
         scenes, scene = self._robot.scenes, self._robot.scenes.get(scene_name)
@@ -166,7 +152,7 @@ class MapBuilder:
         return self._start(scene_name, map_name, update=True)
 
     def save(self) -> float:
-        """Begin to save the map; return the duration, in seconds.
+        """Begin to save the map; return the time until the answer to the request, in seconds.
 
         Raises:
             RefusedError: the robot cannot save now. The mapping goes on.
@@ -187,10 +173,10 @@ class MapBuilder:
         return duration
 
     def cancel(self) -> float:
-        """Begin to discard the map; return the duration, in seconds.
+        """Begin to discard the map; return the time until the answer to the request, in seconds.
 
         Raises:
-            RefusedError: no map is being made.
+            RefusedError: no mapping is running.
         """
         self._require_running()
         robot = self._robot
@@ -202,7 +188,7 @@ class MapBuilder:
         return duration
 
     def tick(self) -> None:
-        """Add the current scan to the map if it is due."""
+        """Add the current scan to the map if the mapping is running and the scan is due."""
         grid, robot = self._grid, self._robot
         if grid is None or self._phase is not Phase.RUNNING or not robot.readiness.located:
             return
@@ -243,7 +229,7 @@ class MapBuilder:
             raise RefusedError(refusal)
 
     def _require_new(self, scene_name: str, map_name: str) -> None:
-        """Check that a map of this name can be added."""
+        """Raise RefusedError if a map of this name cannot be added."""
         scenes = self._robot.scenes
         scene = scenes.get(scene_name)
         if scene is None:
@@ -255,13 +241,7 @@ class MapBuilder:
             raise RefusedError(refusals.TOO_MANY_MAPS, scene=scene_name, limit=MAX_MAPS)
 
     def _start(self, scene_name: str, map_name: str, *, update: bool) -> float:
-        """Schedule the first scan; return the time until the answer to the request, in seconds.
-
-        Args:
-            scene_name: name of the scene.
-            map_name: name of the map.
-            update: True to continue the current map, False to make a new one.
-        """
+        """Schedule the first scan; return the time until the answer to the request, in seconds."""
         robot, profile = self._robot, self._profile
         self._scene_name, self._map_name = scene_name, map_name
         self._phase = Phase.STARTING
@@ -271,7 +251,7 @@ class MapBuilder:
         return duration
 
     def _begin_scans(self, *, update: bool) -> None:
-        """Begin to add scans to the map."""
+        """Begin to add scans: to the current map if `update` is True, else to a new map."""
         from woosh_robot_agent.simulator.world.growing_grid import GrowingGrid
         from woosh_robot_agent.simulator.world.picture import rasterised
 
@@ -294,7 +274,7 @@ class MapBuilder:
         self._pictures.add(self._profile.picture_period, self._request_picture)
 
     def _current_grid(self) -> Grid:
-        """Return the cells of the map made so far; an updated map keeps its keep-out cells."""
+        """Return the cells of the map so far; an updated map keeps its keep-out cells."""
         from woosh_robot_agent.simulator.world.grid import Grid
 
         assert self._grid
@@ -308,8 +288,8 @@ class MapBuilder:
 
         Args:
             grid: cells of the map.
-            draft: the new map without its cells; None for an update of the current map.
-            end: pose of the robot at the end of the mapping.
+            draft: the new map without cells; None for an update of the current map.
+            end: pose of the robot when the saving began.
         """
         robot = self._robot
         area = dataclasses.replace(
@@ -369,19 +349,15 @@ class CollectedPoint(NamedTuple):
 class Deployment:
     """Collects points (marks, codes, ...) for the current map, or for a new map that is being made.
 
-    Points can be cancelled until the session ends. It ends when a mapping starts, or when the robot
-    leaves deployment mode or the map.
-
-    Args:
-        robot: the robot.
-        mapping: makes new maps.
+    Points can be cancelled until the session ends. It ends when a mapping starts or a new map is
+    cancelled, and when the robot changes the work mode or the map.
     """
 
     def __init__(self, robot: Robot, mapping: MapBuilder) -> None:
         self._robot = robot
         self._mapping = mapping
         self._collected: list[CollectedPoint] = []
-        """Points of this session, in order."""
+        """Points of this session that were not cancelled, in order."""
 
     def collect(self, kind: PointKind, pose: Pose | None) -> CollectedPoint:
         """Add a point to the map and return it.
@@ -400,14 +376,14 @@ class Deployment:
             raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=area.name)
         marks = area.marks
         if kind is PointKind.MARK:
-            id_ = max((mark.id for mark in marks.values()), default=0) + 1
-            while str(id_) in marks:
-                id_ += 1
             # The answer has only the id, so the mark's number, which tasks name, equals the id.
+            taken = {mark.id for mark in marks.values()}
+            ids = itertools.count(free_id(taken))
+            id_ = next(each for each in ids if each not in taken and str(each) not in marks)
             marks = {**marks, str(id_): Mark(id_, str(id_), pose)}
         else:
             entries = getattr(others, kind.value)
-            id_ = max((each.id for each in entries), default=0) + 1
+            id_ = free_id(each.id for each in entries)
             entry = entries.add(id=id_)
             position = entry.point if kind is PointKind.BEACON else entry.pose
             position.x, position.y = pose.point
@@ -441,7 +417,7 @@ class Deployment:
         self._replace_area(dataclasses.replace(area, marks=kept, other_marks=others))
 
     def calibrate(self) -> list[CollectedPoint]:
-        """Return the reflectors of the map. The robot finds all of them at their poses.
+        """Return the reflectors of the map, as if the robot had found each at its known pose.
 
         Raises:
             RefusedError: the map has no reflectors.
@@ -461,11 +437,7 @@ class Deployment:
         self._collected.clear()
 
     def require_ready(self) -> None:
-        """Check that the robot can collect points.
-
-        Raises:
-            RefusedError: the robot cannot collect points.
-        """
+        """Raise RefusedError if the robot cannot collect points."""
         readiness = self._robot.readiness
         if readiness.work != util_robot_pb2.kDeployMode:
             raise RefusedError(refusals.COLLECTING_OUTSIDE_DEPLOYMENT)
@@ -475,10 +447,11 @@ class Deployment:
 
     @property
     def _area(self) -> Map:
-        """The map to which points are added."""
+        """The map to which points are added: a new map that is being made, or the current map."""
         return self._mapping.draft or self._robot.map
 
     def _replace_area(self, area: Map) -> None:
+        """Store the changed `_area`; a change of the current map is a new version of it."""
         if self._mapping.draft:
             self._mapping.draft = area
         else:

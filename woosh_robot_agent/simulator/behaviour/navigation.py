@@ -57,8 +57,8 @@ class Route:
 
     Attributes:
         legs: for each stop, the corners of the part of the route that leads to it, the stop last.
-        poses: the start, each corner with the direction in which the robot arrives there, and the
-            last stop.
+        poses: the start, and all corners, each with the direction in which the robot arrives there;
+            the last one has the heading of the goal.
     """
 
     legs: tuple[tuple[Point, ...], ...]
@@ -66,7 +66,7 @@ class Route:
 
     @property
     def length(self) -> float:
-        """Length, in metres."""
+        """Length of the route, in metres."""
         return sum(here.distance(there.point) for here, there in pairwise(self.poses))
 
 
@@ -84,11 +84,11 @@ def plan_route(
         robot: the robot.
         start: pose at which the route starts.
         stops: poses to pass, the goal last.
-        strict: True to drive in straight lines from pose to pose, without a search.
+        strict: True to drive in straight lines from pose to pose, without regard to any walls.
         obstacles: walls to avoid in addition to the walls of the map.
 
     Raises:
-        NoRouteError: there is no route, or the search takes too long.
+        NoRouteError: there is no route, or the search takes too long. Never with `strict`.
     """
     routes = planner(robot.map, outer_radius(robot.outline) + PATH_MARGIN)
     budget = SearchBudget()
@@ -106,16 +106,7 @@ def plan_route(
                 GOAL_UNREACHABLE,
             ) from None
         if leg is None:
-            grid = robot.map.grid
-            if grid and grid.kept_out(*goal.point):
-                raise NoRouteError(
-                    f"{goal} is in a keep-out area: choose a goal outside of it", GOAL_OCCUPIED
-                )
-            is_occupied = robot.map.contains(*goal.point) and not robot.can_stand(goal)
-            raise NoRouteError(
-                f"no free path to {goal}: choose a goal on free floor",
-                GOAL_OCCUPIED if is_occupied else GOAL_UNREACHABLE,
-            )
+            raise _no_path_error(robot, goal)
         for corner in leg:
             poses.append(Pose(*corner, math.atan2(corner[1] - here[1], corner[0] - here[0])))
             here = corner
@@ -124,11 +115,22 @@ def plan_route(
     return Route(tuple(legs), tuple(poses))
 
 
+def _no_path_error(robot: Robot, goal: Pose) -> NoRouteError:
+    """Return the error for a goal to which no path leads."""
+    grid = robot.map.grid
+    if grid and grid.kept_out(*goal.point):
+        text = f"{goal} is in a keep-out area: choose a goal outside of it"
+        return NoRouteError(text, GOAL_OCCUPIED)
+    is_occupied = robot.map.contains(*goal.point) and not robot.can_stand(goal)
+    code = GOAL_OCCUPIED if is_occupied else GOAL_UNREACHABLE
+    return NoRouteError(f"no free path to {goal}: choose a goal on free floor", code)
+
+
 DEFAULT_SPEED = 0.8
-"""Speed unless the navigation mode limits it, in m/s."""
+"""Maximum speed unless the navigation mode sets one, in m/s."""
 
 TURN_SPEED = 0.8
-"""Turn rate on the spot, in rad/s."""
+"""Maximum turn rate, in rad/s."""
 
 _POSITION_TOLERANCE = 1e-3
 """Distance from a point at which it counts as reached, in metres."""
@@ -146,10 +148,10 @@ _STEERING_TOLERANCE = 1e-3
 """Bearing of the point to steer to up to which the base drives straight on, in radians."""
 
 _MAX_STRETCH = 2.0
-"""Length of the path ahead that determines the speed, in metres; more than the braking distance."""
+"""Length of the path ahead that limits the speed, in metres; enough to stop from 2 m/s."""
 
 _PATH_SPACING = 0.3
-"""Distance below which two poses are points of a path, where the base does not stop, in metres."""
+"""Distance between two stops below which the base does not turn at the first one, in metres."""
 
 _WAIT_TIMEOUT = 30.0
 """Time that a navigation waits in the modes with a timeout unless a client sets it, in seconds."""
@@ -168,7 +170,7 @@ class _Stretch(NamedTuple):
 
     Attributes:
         length: length from the base on, in metres.
-        aim: the point that the base steers to.
+        aim: the point on it that the base steers to.
         second: second corner of the stretch; None if the base stops at the first one.
     """
 
@@ -178,6 +180,7 @@ class _Stretch(NamedTuple):
 
 
 def _direction(here: Point, there: Point) -> float:
+    """Return the direction from one point to another in the map's frame, in radians."""
     return math.atan2(there[1] - here[1], there[0] - here[0])
 
 
@@ -191,14 +194,14 @@ class Navigate(Job):
 
     Args:
         goal: goal, in the map's frame.
-        via: poses to pass on the way.
+        via: poses to pass on the way, in the map's frame.
         strict: True to drive straight from one pose to the next, False to plan paths between them.
-        one_by_one: True to turn to the heading of each pose of `via` too. Poses less than 0.3 m
-            apart are points of a path, where the base does not turn.
+        one_by_one: True to turn to the heading of each pose of `via`, except if the next pose is
+            less than 0.3 m away; False to ignore these headings.
 
     Attributes:
         goal: goal, in the map's frame.
-        path: planned path, empty before it is planned.
+        path: the path that was planned last, from its start on; empty before the first plan.
     """
 
     device = Device.WHEELS
@@ -223,13 +226,13 @@ class Navigate(Job):
         )
         """Arrival type, behaviour at obstacles and speed limit."""
         self._corners: deque[deque[Point]] | None = None
-        """Remaining corners of the path to each stop, None if a path must be planned first."""
+        """Remaining corners on the way to each of `_stops`; None before a path is planned."""
         self._announced = False
         """True if the start of the navigation has been reported."""
         self._last_corner: Point = (0.0, 0.0)
-        """The last corner that the base has passed, or the start of the path."""
+        """The last corner that the base has passed, at first the start of the path."""
         self._turning = True
-        """True until the base points to the next corner."""
+        """True while the base turns on the spot towards the next corner."""
         self._waited = 0.0
         """Time for which an obstacle has been in the way, in seconds."""
         self._tried_obstacles: tuple[Wall, ...] | None = None
@@ -239,15 +242,10 @@ class Navigate(Job):
         """
 
     def change_path(self, robot: Robot, via: Iterable[Pose], *, strict: bool) -> None:
-        """Take another way to the same goal.
-
-        Args:
-            robot: the robot.
-            via: poses to pass on the way.
-            strict: True to drive straight from one pose to the next.
+        """Take another way to the same goal: through `via`, and straight if `strict` is True.
 
         Raises:
-            RefusedError: there is no such way.
+            RefusedError: there is no such way. The job keeps its way.
         """
         before = self._stops, self._strict
         self._stops, self._strict = deque([*via, self.goal]), strict
@@ -283,38 +281,41 @@ class Navigate(Job):
             robot.codes.report(NEW_NAVIGATION, self.kind)
         base = robot.base
         free = self._clear_ahead(robot)
-        impeded: Progress | None = None
+        progress = self._progress(base)
         if base.blocked or not free:
             self._waited += dt
-            impeded = self._handle_obstacle(robot)
-            if not free or impeded.done:
-                return impeded
+            progress = self._handle_obstacle(robot)
+            # With a free way ahead, e.g. if a wall beside the base blocks it, the base drives on.
+            if not free or progress.done:
+                return progress
         else:
             self._waited = 0.0
             self._tried_obstacles = None
-        # Keep driving if the base is blocked but the way ahead is free, e.g. by a wall beside it.
-        while self._corners:
-            corners, stop = self._corners[0], self._stops[0]
-            if corners:
-                if self._drive_to(corners[0], robot, dt):
-                    return impeded or self._progress(base)
-                self._last_corner = corners.popleft()
-            elif self._turn_to(stop, base, dt):
-                return impeded or self._progress(base)
-            else:
-                self._corners.popleft()
-                self._stops.popleft()
+        if self._drive_on(robot, dt):
+            return progress
         # The job can run again: a task may list the same drive twice, with a move between.
         self._stops.append(self.goal)
         self.replan()
         return Progress(done=True, text=f"arrived at {base.pose}")
 
-    def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> None:
-        """Plan the path.
+    def _drive_on(self, robot: Robot, dt: float) -> bool:
+        """Drive or turn along the planned path. Return False instead at the goal."""
+        assert self._corners is not None
+        while self._corners:
+            corners = self._corners[0]
+            if corners:
+                if self._drive_to(corners[0], robot, dt):
+                    return True
+                self._last_corner = corners.popleft()
+            elif self._turn_to(self._stops[0], robot.base, dt):
+                return True
+            else:
+                self._corners.popleft()
+                self._stops.popleft()
+        return False
 
-        Args:
-            robot: the robot.
-            obstacles: walls to avoid in addition to the walls of the map.
+    def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> None:
+        """Plan the path from here, which also avoids `obstacles`.
 
         Raises:
             NoRouteError: there is no path.
@@ -328,13 +329,13 @@ class Navigate(Job):
         self._turning = True
 
     def _clear_ahead(self, robot: Robot) -> bool:
-        """Return True if no obstacle is in the way to the next corner."""
+        """Return True if no obstacle is in the way on this stretch, or if the base turns first."""
         if self._turning or not self._corners or not self._corners[0]:
             return True
         return is_clear(robot, 0.0, self._stretch_ahead(robot.base.pose).length)
 
     def _handle_obstacle(self, robot: Robot) -> Progress:
-        """Drive round an obstacle, wait or give up, depending on the mode."""
+        """Plan a way round an obstacle, wait or give up, depending on the mode."""
         mode, base = self._mode.mode, robot.base
         wait_timeout = float(self._mode.wait_timeout) or _WAIT_TIMEOUT
         text = f"an obstacle stands in the way at {base.pose}"
@@ -366,11 +367,12 @@ class Navigate(Job):
         return True
 
     def _drive_to(self, corner: Point, robot: Robot, dt: float) -> bool:
-        """Drive towards `corner`. Return False instead when it is reached or passed."""
+        """Drive towards the next corner. Return False instead when it is reached or passed."""
         base, stretch = robot.base, self._stretch_ahead(robot.base.pose)
         distance, bearing = base.pose.distance(corner), base.pose.bearing(corner)
         second = stretch.second
-        # The base has passed the corner if it is nearer to the second corner than the corner is.
+        # Inside a stretch the base cuts corners, without reaching them exactly. It has passed a
+        # corner when it is nearer to the second corner than that corner is.
         if second and base.pose.distance(second) <= math.dist(corner, second):
             return False
         if distance <= _POSITION_TOLERANCE:
@@ -389,17 +391,17 @@ class Navigate(Job):
         speed, turn = approach(ahead, self._speed(), ACCELERATION, dt), 0.0
         to_aim = base.pose.bearing(stretch.aim)
         if abs(to_aim) > _STEERING_TOLERANCE:
-            # The arc that leads to the aim.
+            # Drive on the arc that leads to the aim.
             curvature = 2.0 * math.sin(to_aim) / base.pose.distance(stretch.aim)
             speed = min(speed, TURN_SPEED / abs(curvature))
             turn = speed * curvature
-        # Turn first if the base points elsewhere, e.g. after a detour.
+        # In the next step, turn on the spot first if the base points elsewhere, e.g. to a detour.
         self._turning = abs(to_aim) > 2.0 * _GENTLE_BEND
         base.drive(Velocity(speed, turn=turn))
         return True
 
     def _stretch_ahead(self, here: Pose) -> _Stretch:
-        """Return the part of the path from `here` to the next place where the base has to stop."""
+        """Return the part of the path from `here` to where the base has to stop or turn."""
         corners = self._corners_of_stretch()
         length, aim, before = 0.0, corners[-1], here.point
         for corner in corners:
@@ -415,7 +417,10 @@ class Navigate(Job):
         return _Stretch(length, aim, corners[1] if len(corners) > 1 else None)
 
     def _corners_of_stretch(self) -> list[Point]:
-        """Return the next corners up to the first one at which the base has to stop."""
+        """Return the next corners, up to the first at which the base has to stop.
+
+        Corners of further legs count only until the length exceeds `_MAX_STRETCH`.
+        """
         assert self._corners
         corners: list[Point] = []
         length = 0.0
@@ -436,7 +441,11 @@ class Navigate(Job):
         return corners
 
     def _turns_at(self, number: int) -> bool:
-        """Return True if the base turns to the heading of a stop; the next stop has number 0."""
+        """Return True if the base turns to the heading of a stop.
+
+        Args:
+            number: number of the stop, from 0 for the next one.
+        """
         if number == len(self._stops) - 1:
             return True
         stop, after = self._stops[number], self._stops[number + 1]

@@ -3,15 +3,19 @@
 All requests that start or resume a job go through `Ownership`. Its rules:
 
 - At most one job owns a device. A paused job owns nothing.
-- A new task replaces everything that drives or charges. A running task owns a device only while one
-  of its jobs needs the device. The task waits for an action that still owns the device.
+- A new task replaces everything that drives or charges. With `while_busy` in the profile, it is
+  refused instead while a task runs. It replaces an automatic task unless both have the same type.
+- A running task owns a device only while its current job needs the device. The task waits for an
+  action that still owns the device.
 - A new action replaces an action that runs or is paused on the same device. It is refused while a
   task owns the device.
 - A task or action that is resumed takes its device back, unless another job owns it by then.
-- Every command of a client that needs the wheels or the task's device cancels an automatic task.
+- An action or remote control that needs the wheels or the device of an automatic task cancels this
+  task.
 - Remote control and following are refused while a task or action drives, and end each other. Each
   task or action that drives ends both.
-- A velocity of zero stops everything that drives. Tasks and actions are paused.
+- A velocity of zero stops everything that drives: it cancels an automatic task, and pauses other
+  tasks and actions.
 """
 
 from __future__ import annotations
@@ -34,15 +38,7 @@ _STEP_CONTROL = "StepControl"
 
 
 class Ownership:
-    """Starts, resumes and ends jobs so that at most one job owns each device.
-
-    Args:
-        robot: the robot.
-        tasks: the tasks of the robot.
-        actions: the actions of the robot.
-        follower: following of a leader.
-        teleop: remote control.
-    """
+    """Starts, resumes and ends jobs so that at most one job owns each device."""
 
     def __init__(
         self, robot: Robot, tasks: Tasks, actions: Actions, follower: Follower, teleop: Teleop
@@ -55,19 +51,22 @@ class Ownership:
 
     @property
     def driver(self) -> str:
-        """Name of the task or action that owns the wheels; empty if nothing owns them."""
+        """Name of the task or action that owns the wheels; empty if none owns them.
+
+        Remote control and following have no name here.
+        """
         if self._tasks.owns(Device.WHEELS):
             return f"task {self._tasks.proc.robot_task_id}"
         return self._actions.owner(Device.WHEELS)
 
     @property
     def navigation(self) -> Navigate | None:
-        """The navigation that owns the wheels, or else a paused navigation."""
+        """The navigation that drives or, if no job drives, a paused one; None if there is none."""
         job = self._tasks.job
-        # An action may drive while a task is paused.
-        if self._tasks.paused and self._actions.owner(Device.WHEELS):
-            return self._actions.navigation
-        return job if isinstance(job, Navigate) else self._actions.navigation
+        # An action may drive while a task is paused or waits for the action.
+        if isinstance(job, Navigate) and not self._actions.owner(Device.WHEELS):
+            return job
+        return self._actions.navigation
 
     @property
     def busy(self) -> bool:
@@ -79,12 +78,18 @@ class Ownership:
         job = self._tasks.job
         self._tasks.tick(dt, device_free=job is None or not self._actions.owner(job.device))
         self._actions.tick(dt)
+        if self.driver:
+            # A task that waited, or was between two tasks of its set, may now drive.
+            self._end_manual_driving()
 
     def start_tasks(self, orders: Sequence[TaskOrder]) -> None:
         """Start one task or the tasks of a set, in place of everything that drives or charges.
 
+        Args:
+            orders: at least one task, in order.
+
         Raises:
-            RefusedError: the robot is not ready, or the running task has precedence.
+            RefusedError: the robot is not ready, or the current task has precedence.
         """
         self._robot.readiness.require_ready()
         if self._has_precedence(orders[0]):
@@ -97,8 +102,8 @@ class Ownership:
         """Resume a paused task, or end the wait of a waiting task.
 
         Raises:
-            RefusedError: there is no task, the robot is not ready, or an action is using the device
-                that the task needs (wheels, jack, ...).
+            RefusedError: there is no task, or a paused task cannot go on: the robot is not ready,
+                or an action owns the device that the task needs.
         """
         self._tasks.require_active(refusals.NO_TASK_TO_RESUME)
         if self._tasks.paused:
@@ -109,7 +114,7 @@ class Ownership:
         """Resume a paused task, or retry a failed one from the job that failed.
 
         Raises:
-            RefusedError: there is no task to recover, the robot is not ready, or an action is using
+            RefusedError: there is no task to recover, the robot is not ready, or an action owns
                 the device that the task needs.
         """
         if self._tasks.recoverable:
@@ -122,12 +127,13 @@ class Ownership:
         """Run `job` as the action `name`, in place of an action on the same device.
 
         Args:
-            name: full name of the action.
+            name: full protobuf name of the action.
             job: the job.
-            ends: another device; an action on it ends too.
+            ends: another device, on which an action also ends; `NONE` for no other device.
 
         Raises:
-            RefusedError: a task owns one of the devices, or steps run already.
+            RefusedError: a task of a client owns one of the devices; or, with `while_busy` in the
+                profile, the action is StepControl and one runs already.
         """
         is_steps = short_name(name) == _STEP_CONTROL
         owner = self._actions.owner(Device.WHEELS)
@@ -141,10 +147,10 @@ class Ownership:
         self._actions.start(name, job)
 
     def resume_action(self, name: str) -> None:
-        """Resume a paused action; one that is not paused just goes on.
+        """Resume a paused action; one that runs just goes on.
 
         Raises:
-            RefusedError: there is no such action, or another job owns its device.
+            RefusedError: the action neither runs nor is paused, or another job owns its device.
         """
         job = self._actions.paused_job(name)
         if job is None:
@@ -157,7 +163,7 @@ class Ownership:
         """Drive by remote control.
 
         Raises:
-            RefusedError: a task or an action of a client drives.
+            RefusedError: an action or a task of a client drives.
         """
         self._take_wheels("remote control", refusals.TWIST_WHILE_DRIVING)
         self._teleop.command(velocity)
@@ -166,14 +172,14 @@ class Ownership:
         """Follow a leader.
 
         Raises:
-            RefusedError: a task or an action of a client drives.
+            RefusedError: an action or a task of a client drives.
         """
         self._take_wheels("following", refusals.FOLLOW_WHILE_DRIVING)
         self._teleop.release()
         self._follower.active = True
 
     def stop_wheels(self, reason: str) -> None:
-        """Stop the base: cancel an automatic task, and pause what else drives."""
+        """Stop the base: cancel an automatic task, pause what else drives, end manual driving."""
         self._tasks.cancel_automatic(reason)
         if self._tasks.owns(Device.WHEELS):
             self._tasks.pause(reason)
@@ -188,9 +194,9 @@ class Ownership:
         self._actions.cancel_on(Device.CHARGER, reason)
 
     def suspend_all(self, reason: str) -> None:
-        """End actions and following, because the robot is no longer ready.
+        """End actions, following and an automatic task; pause the task of a client.
 
-        A task that the robot started by itself is cancelled, and one of a client is paused.
+        Called while the robot is not ready. Remote control goes on.
         """
         self._follower.active = False
         self._actions.fail_all(reason)
@@ -199,7 +205,10 @@ class Ownership:
             self._tasks.pause(reason)
 
     def _take_wheels(self, user: str, refusal: Refusal) -> None:
-        """Take the wheels for remote control or following; raise `refusal` if they are in use."""
+        """Take the wheels for remote control or following, which ends following.
+
+        Raise `refusal` if an action or a task of a client drives.
+        """
         self._tasks.cancel_automatic(f"replaced by {user}")
         if self.driver:
             raise RefusedError(refusal, driver=self.driver)
@@ -217,8 +226,7 @@ class Ownership:
     def _take_device_for_task(self) -> None:
         """Take the device of the task's job.
 
-        Raises:
-            RefusedError: the robot is not ready, or an action owns the device.
+        Raise RefusedError if the robot is not ready, or an action owns the device.
         """
         self._robot.readiness.require_ready()
         device = self._tasks.device

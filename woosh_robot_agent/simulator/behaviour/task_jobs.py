@@ -1,4 +1,4 @@
-"""The jobs of which a task consists, as `action_groups.json` of the scene lists them."""
+"""The jobs of a task, from the actions that `action_groups.json` of the scene lists."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def task_actions(robot: Robot, kind: util_task_pb2.Type, number: int) -> tuple[A
     """Return the actions of a task, as `action_groups.json` of the scene lists them.
 
     Args:
-        robot: the robot.
-        kind: type of the task. A task without a type is a pick task.
-        number: number of the task among the tasks of its type.
+        robot: the robot, in the scene of the task.
+        kind: type of the task; 0 for a pick task.
+        number: the `task_type_no`, which distinguishes tasks of the same type.
 
     Raises:
         RefusedError: the file lists no actions for this task.
@@ -53,14 +53,15 @@ def task_jobs(
     direction: util_task_pb2.Direction,
     target: Mark | Navigate,
 ) -> list[Job]:
-    """Return the jobs of a task. A robot that stands in a dock leaves it first.
+    """Return the jobs of a task.
 
-    Without a mark there is no dock: everything from entering it to leaving it is left out.
+    If the profile says so, a robot that stands at a charger leaves it first. Without a target mark
+    there is no dock: a task with a dock then leaves out to enter it, to leave it, and all steps.
 
     Args:
-        robot: the robot.
+        robot: the robot, at the place where the task starts.
         actions: the actions of the task.
-        direction: direction of a task that carries goods.
+        direction: `kCutting` to unload goods, which lowers the lift; any other value raises it.
         target: the target mark of the task, or the job that drives to another target.
     """
     has_dock = any(each.action == util_action_pb2.kSecondposEnter for each in actions)
@@ -72,7 +73,7 @@ def task_jobs(
         drive = Navigate(target.pose.moved(-distance, 0.0, 0.0))
     jobs: list[Job] = []
     if robot.profile.tasks.leave_dock and robot.charger:
-        jobs.append(leave_charger_job(robot))
+        jobs.append(leave_charger_job(robot, robot.charger))
     for each in actions:
         kind = each.action
         if kind == util_action_pb2.kNav:

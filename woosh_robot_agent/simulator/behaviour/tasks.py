@@ -19,86 +19,8 @@ from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.status_codes import failure_code
 from woosh_robot_agent.simulator.timeline import DelayedCalls, copy_of
 
-
-class TaskReports:
-    """Pushes the reports about tasks, and keeps the last report.
-
-    Args:
-        robot: pushes the reports.
-
-    Attributes:
-        last: the last report, even if it is withheld.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self.last = self._empty_report()
-        self._withheld = False
-        """True if `last` has not been pushed yet."""
-
-    def withhold(self, task: robot_pb2.TaskProc, state: util_task_pb2.State) -> None:
-        """Make the first report about a task without pushing it.
-
-        The next report of the task replaces it if both have the same state, and follows it
-        otherwise.
-        """
-        self.last = self._report_about(task, state)
-        self._withheld = True
-
-    def push(
-        self,
-        task: robot_pb2.TaskProc,
-        state: util_task_pb2.State,
-        action: robot_pb2.TaskProc.Action | None = None,
-        msg: str = "",
-    ) -> None:
-        """Push a report about a task.
-
-        Args:
-            task: the task.
-            state: state of the task in the report.
-            action: the task's action in the report, None for none.
-            msg: text of the report, if the profile has texts.
-        """
-        if self._withheld and state != self.last.state:
-            self._robot.emit(self.last)
-        self._push(self._report_about(task, state, action, msg))
-
-    def push_empty(self) -> None:
-        """Push the report that there is no task."""
-        self._push(self._empty_report())
-
-    def _push(self, report: robot_pb2.TaskProc) -> None:
-        self._withheld = False
-        self.last = report
-        self._robot.emit(report)
-
-    def _report_about(
-        self,
-        task: robot_pb2.TaskProc,
-        state: util_task_pb2.State,
-        action: robot_pb2.TaskProc.Action | None = None,
-        msg: str = "",
-    ) -> robot_pb2.TaskProc:
-        """Return a new report about a task."""
-        report = copy_of(task)
-        report.state = state
-        report.time = int(self._robot.time)
-        if self._robot.profile.tasks.messages:
-            report.msg = msg
-        if action is not None:
-            report.action.CopyFrom(action)
-        return report
-
-    def _empty_report(self) -> robot_pb2.TaskProc:
-        """Return a new report that there is no task."""
-        report = robot_pb2.TaskProc(robot_id=self._robot.robot_id, time=int(self._robot.time))
-        report.action.SetInParent()  # an empty action, as real robots report it
-        return report
-
-
 _MAX_HISTORY = 50
-"""Number of ended tasks that are kept."""
+"""Number of ended tasks whose last reports are kept."""
 
 _STARTING_STATES = {"kInit": util_task_pb2.kInit, "kReady": util_task_pb2.kReady}
 """States of a task before it is executed, by the name in the profile."""
@@ -108,7 +30,7 @@ _END_ACTION_STATES = {
     util_task_pb2.kCanceled: util_action_pb2.kRosCancel,
     util_task_pb2.kFailed: util_action_pb2.kRosFailure,
 }
-"""State of the last action of an ended task, by the state of the task."""
+"""State of the last action in the reports of an ended task, by the state of the task."""
 
 _NO_STATE = util_robot_pb2.kStateUndefined
 """State of the robot without a task."""
@@ -127,7 +49,7 @@ class TaskOrder:
         dest: number of the target mark, empty if the target is not a mark.
         jobs: returns the jobs of the task, in order. Called when the task starts, because jobs may
             depend on where the robot then stands.
-        automatic: True if the robot has started the task by itself.
+        automatic: True if the robot starts the task by itself.
         own_id: True if the robot has chosen the id.
     """
 
@@ -146,26 +68,31 @@ class Tasks:
     what has happened.
 
     Attributes:
-        proc: the current or last task. Its state may be ahead of the reports.
+        proc: the current or last task, empty before the first. Its state may be ahead of the
+            reports.
+        reported: the last report, even if it is withheld; at first the report that there is no
+            task.
         state: state that the task gives the robot, `kStateUndefined` without a task.
-        history: the last 50 ended tasks, oldest first.
-        impeded: True if an obstacle blocks the task at the moment.
+        history: the last reports of the last 50 ended tasks, oldest first.
+        impeded: True if an obstacle blocks the task now.
     """
 
     def __init__(self, robot: Robot) -> None:
+        self._robot = robot
         self.proc = robot_pb2.TaskProc()
+        self.reported = self._empty_report()
         self.state: util_robot_pb2.State = _NO_STATE
         self.history: deque[robot_pb2.TaskProc] = deque(maxlen=_MAX_HISTORY)
         self.impeded = False
-        self._robot = robot
         self._profile = robot.profile.tasks
-        self._reports = TaskReports(robot)
+        self._withheld = False
+        """True if `reported` has not been pushed yet."""
         self._scheduled = DelayedCalls(robot)
         """Scheduled calls of the task: reports, the start of the next job, effects of orders."""
         self._jobs: deque[Job] = deque()
         """Remaining jobs of the task, the current one first.
 
-        An ended task keeps them: it can be retried if it failed.
+        An ended task keeps them until `forget_failed`: it can be retried if it failed.
         """
         self._waits_done = 0
         """Number of the waits that the task has already done."""
@@ -174,9 +101,9 @@ class Tasks:
         self._starting: deque[Callable[[], None]] = deque()
         """Calls that report the start of the task and begin its first job; one call per tick."""
         self._working = False
-        """True from the start of the current job until it ends or is stopped."""
+        """True while the current job runs: not before its start, nor after it ended or stopped."""
         self._canceling = False
-        """True from the cancellation of the task until the report that shows it."""
+        """True from the order to cancel the task until its end."""
         self._rest_of_set: deque[TaskOrder] = deque()
         """Tasks of the set that follow the current task."""
         self._last_id = 0
@@ -184,14 +111,9 @@ class Tasks:
 
     @property
     def active(self) -> bool:
-        """True if a task runs, waits or is paused."""
+        """True if there is a task that has not ended: it runs, waits or is paused."""
         state = self.proc.state
         return state != util_task_pb2.kStateUndefined and state not in _END_ACTION_STATES
-
-    @property
-    def reported(self) -> robot_pb2.TaskProc:
-        """The last report."""
-        return self._reports.last
 
     @property
     def paused(self) -> bool:
@@ -200,7 +122,7 @@ class Tasks:
 
     @property
     def between_tasks(self) -> bool:
-        """True if a task of a set is completed and the next one is about to start."""
+        """True if a task of a set is completed, and the next one has not started yet."""
         return self.proc.state == util_task_pb2.kCompleted and bool(self._rest_of_set)
 
     @property
@@ -215,12 +137,12 @@ class Tasks:
 
     @property
     def job(self) -> Job | None:
-        """Current job of the task, also while the task is paused."""
+        """Current job of the task, also while the task is paused; None without a task."""
         return self._jobs[0] if self.active else None
 
     @property
     def device(self) -> Device:
-        """Device of the current job, or of the job that failed."""
+        """Device of the current job, or of the job that failed. There must be such a job."""
         return self._jobs[0].device
 
     def owns(self, device: Device) -> bool:
@@ -229,14 +151,14 @@ class Tasks:
         return job is not None and not self.paused and job.device is device
 
     def new_id(self) -> int:
-        """Return a unique id for a task that came without an id, based on the simulated time."""
+        """Return a new id, from the simulated time, for a task that came without one."""
         profile = self._profile
         wanted = int(self._robot.time) * profile.own_id_factor + profile.own_id_offset
         self._last_id = max(wanted, self._last_id + 1)
         return self._last_id
 
     def start(self, orders: Sequence[TaskOrder]) -> None:
-        """Start one task or the tasks of a set, and cancel the current task."""
+        """Cancel the current task, and start one task or the tasks of a set, in order."""
         if self.active:
             self._end(util_task_pb2.kCanceled, f"replaced by task {orders[0].id}")
         self._rest_of_set = deque(orders)
@@ -249,12 +171,12 @@ class Tasks:
         *,
         ordered: bool = False,
     ) -> None:
-        """Pause the task.
+        """Pause the task, unless it is paused or being cancelled.
 
         Args:
             reason: text of the report.
             state: state of the action in the report.
-            ordered: True if a client has ordered the pause; then the report comes later.
+            ordered: True if a client has ordered the pause, which is then reported later.
 
         Raises:
             RefusedError: there is no task.
@@ -268,28 +190,24 @@ class Tasks:
         self._scheduled.add(self._order_delay() if ordered else 0.0, report)
 
     def resume(self) -> None:
-        """Resume a paused task, or end the wait of a waiting task."""
+        """Resume a paused task, or end the wait of a waiting task; else do nothing."""
         if self.paused:
             self.retry()
         elif isinstance(self.job, Wait):
             self._scheduled.add(self._order_delay(), self.job.end)
 
     def retry(self) -> None:
-        """Start the current or failed job again."""
+        """Start the current or failed job again, unless the task is being cancelled."""
         if self._canceling:
             return
-        if not self.active:  # its record was closed when it failed
+        if not self.active:  # the record of a failed task is closed: open another one
             self._robot.statistics.task_started(self.proc.robot_task_id, self.proc.dest)
         self._stop_working()
         self.proc.state = self._running_state()
         self._scheduled.add(self._order_delay(), self._begin_job)
 
     def end_wait(self) -> None:
-        """End the current wait of the task.
-
-        Raises:
-            RefusedError: the task is not waiting.
-        """
+        """End the current wait of the task; raise RefusedError if the task is not waiting."""
         if self.paused or not isinstance(self.job, Wait):
             raise RefusedError(refusals.NOT_WAITING)
         self._scheduled.add(self._order_delay(), self.job.end)
@@ -299,7 +217,7 @@ class Tasks:
 
         Args:
             reason: text of the report.
-            ordered: True if a client has ordered the cancel; then the report comes later.
+            ordered: True if a client has ordered the cancel, which then takes effect later.
 
         Raises:
             RefusedError: there is no task.
@@ -322,20 +240,13 @@ class Tasks:
             self.cancel(reason)
 
     def forget_failed(self) -> None:
-        """Make a failed task and the rest of its set unrecoverable. A task in progress goes on."""
+        """Forget the jobs of an ended task and the rest of its set; a task in progress goes on."""
         if not self.active:
             self._jobs.clear()
             self._rest_of_set.clear()
 
     def require_active(self, refusal: Refusal = refusals.NO_TASK) -> None:
-        """Check that there is a task.
-
-        Args:
-            refusal: the refusal to raise.
-
-        Raises:
-            RefusedError: there is no task.
-        """
+        """Raise `refusal` if there is no task that has not ended."""
         if not self.active:
             raise RefusedError(refusal)
 
@@ -344,8 +255,7 @@ class Tasks:
 
         Args:
             dt: duration, in seconds.
-            device_free: True if no action owns the device of the current job; if False, the job
-                waits.
+            device_free: False if an action owns the device of the current job, which then waits.
         """
         if self._starting:
             self._starting.popleft()()
@@ -353,7 +263,7 @@ class Tasks:
             self._work(dt)
 
     def _start_next(self, *, at_once: bool) -> None:
-        """Start the next task of the set.
+        """Start the next task of the set, if there is one.
 
         Args:
             at_once: True to show the new state of the robot at once, False to show it with the
@@ -376,27 +286,37 @@ class Tasks:
         self._robot.statistics.task_started(order.id, order.dest)
         # Real robots push an empty report first if they have chosen the id.
         if order.own_id and self._profile.empty_report:
-            self._reports.push_empty()
+            self._push(self._empty_report())
         delay = 0.0 if at_once else self._robot.answer_delay
         self._show_state(0.0 if self._robot.state_first else delay)
+        self._schedule_start(delay)
+
+    def _schedule_start(self, delay: float) -> None:
+        """Schedule the first reports of the task and the start of its first job.
+
+        Args:
+            delay: time until the answer to the request that starts the task, in seconds.
+        """
         states = [_STARTING_STATES[name] for name in self._profile.starting_states]
         starting: deque[Callable[[], None]] = deque(partial(self._report, each) for each in states)
         starting.append(self._begin_job)
+        if not self._profile.first_report:
+            # The reports begin with the next tick, so that they follow the answer to the request.
+            self._starting = starting
+            # Until then, queries are answered with this one.
+            self.reported = self._new_report(states[0] if states else util_task_pb2.kInit)
+            self._withheld = True
+            return
 
         def announce() -> None:
             self._starting = starting
             starting.popleft()()  # the others follow in the next ticks
 
-        if self._profile.first_report:
-            delay += self._robot.rng.choice(self._profile.first_report)
-            self._scheduled.add(delay, announce)
-        else:
-            # Begun in the next tick, so that the reports follow the answer to the request.
-            self._starting = starting
-            self._reports.withhold(self.proc, states[0] if states else util_task_pb2.kInit)
+        delay += self._robot.rng.choice(self._profile.first_report)
+        self._scheduled.add(delay, announce)
 
     def _show_state(self, delay: float) -> None:
-        """Set `state` to the state that the task gives the robot, after `delay` seconds."""
+        """Let the task give the robot its state after `delay` seconds, or at once if that is 0."""
         task = self.proc.robot_task_id
 
         def show() -> None:
@@ -416,7 +336,7 @@ class Tasks:
         return util_robot_pb2.kParking if parking else util_robot_pb2.kTask
 
     def _begin_job(self) -> None:
-        """Start the current job, from its beginning or after a pause."""
+        """Start or resume the current job, and report it."""
         self.state = self._robot_state()
         self._working = True
         self.proc.state = self._running_state()
@@ -430,7 +350,7 @@ class Tasks:
         return util_task_pb2.kActionWait if waiting else util_task_pb2.kExecuting
 
     def _work(self, dt: float) -> None:
-        """Work on the current job for `dt` seconds."""
+        """Work on the current job for `dt` seconds, and report what changes."""
         progress = self._jobs[0].tick(self._robot, dt)
         if progress.failure:
             kind = self._jobs[0].kind
@@ -449,7 +369,11 @@ class Tasks:
                 self._report(self.proc.state, util_action_pb2.kRosExecuting)
 
     def _finish_job(self, text: str) -> None:
-        """Go on with the next job, or end the task."""
+        """Report the end of the current job, and schedule the next job or the end of the task.
+
+        Args:
+            text: text of the report that the task is completed.
+        """
         self.impeded = False
         self._working = False
         last = len(self._jobs) == 1
@@ -466,7 +390,7 @@ class Tasks:
         self._scheduled.add(delay, partial(self._end, util_task_pb2.kCompleted, text))
 
     def _stop_working(self) -> None:
-        """Stop the current job, and drop all scheduled calls of the task."""
+        """Stop the current job, and cancel all scheduled calls of the task."""
         self._scheduled.cancel_all()
         self._starting.clear()
         self._working = False
@@ -506,7 +430,7 @@ class Tasks:
 
     def _leave_task(self) -> None:
         """Report that the robot has no task, and start the next task of the set."""
-        self._reports.push_empty()
+        self._push(self._empty_report())
         self._clear_state()
         self._scheduled.add(_PUSH_GAP, partial(self._start_next, at_once=True))
 
@@ -525,12 +449,37 @@ class Tasks:
         Args:
             state: state of the task in the report.
             action_state: state of the current job in the report; None to leave out the job.
-            msg: text of the report.
+            msg: text of the report, if the profile has texts.
         """
-        action = None
+        report = self._new_report(state)
+        if self._profile.messages:
+            report.msg = msg
         if action_state is not None:
             job = self._jobs[0]
             # a wait without a number is counted by its position
             wait_id = (job.number or self._waits_done + 1) if isinstance(job, Wait) else 0
-            action = robot_pb2.TaskProc.Action(type=job.kind, state=action_state, wait_id=wait_id)
-        self._reports.push(self.proc, state, action, msg)
+            report.action.CopyFrom(
+                robot_pb2.TaskProc.Action(type=job.kind, state=action_state, wait_id=wait_id)
+            )
+        self._push(report)
+
+    def _push(self, report: robot_pb2.TaskProc) -> None:
+        """Push a report. It replaces a withheld one of the same state, and follows another one."""
+        if self._withheld and report.state != self.reported.state:
+            self._robot.emit(self.reported)
+        self._withheld = False
+        self.reported = report
+        self._robot.emit(report)
+
+    def _new_report(self, state: util_task_pb2.State) -> robot_pb2.TaskProc:
+        """Return a new report about the task, without its current job."""
+        report = copy_of(self.proc)
+        report.state = state
+        report.time = int(self._robot.time)
+        return report
+
+    def _empty_report(self) -> robot_pb2.TaskProc:
+        """Return a new report that there is no task."""
+        report = robot_pb2.TaskProc(robot_id=self._robot.robot_id, time=int(self._robot.time))
+        report.action.SetInParent()  # an empty action, as real robots report it
+        return report

@@ -15,7 +15,7 @@ ANGULAR_ACCELERATION = 2.0
 """Maximum angular acceleration, in rad/s²."""
 
 _TOLERANCE = 1e-7
-"""Maximum rounding error of a velocity or of a gap, in m/s, rad/s or m."""
+"""Rounding error that counts as none, of a velocity in m/s or rad/s, or of a gap in metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,10 @@ class Velocity:
         return math.hypot(self.forward, self.left)
 
     def limited(self, max_speed: float, max_turn_rate: float) -> Velocity:
-        """Return this velocity, scaled to limits in m/s and rad/s."""
+        """Return this velocity within limits of speed in m/s and turn rate in rad/s.
+
+        The direction of the motion stays.
+        """
         scale = min(1.0, max_speed / self.speed) if self.speed else 1.0
         turn = min(max_turn_rate, max(-max_turn_rate, self.turn))
         return Velocity(self.forward * scale, self.left * scale, turn)
@@ -51,22 +54,19 @@ class Base:
     """The driven base.
 
     Args:
-        pose: pose at the start.
-        odometer: total distance driven so far, in metres.
         rolls_for: time constant of the exponential slowdown after remote control, in seconds; 0
             to slow down at a constant rate.
-        stops_below: speed at which the exponential slowdown ends, in m/s or rad/s.
-        max_speed: maximum speed, in m/s.
-        max_turn_rate: maximum turn rate, in rad/s.
+        stops_below: speed and turn rate at which the exponential slowdown ends, in m/s and rad/s.
 
     Attributes:
         pose: pose in the map's frame, with a heading in (-pi, pi].
-        odometry: pose by wheel odometry, which never jumps. Its heading is not wrapped.
+        odometry: pose by wheel odometry, relative to the start. It never jumps, and its heading is
+            not wrapped.
         velocity: current velocity.
         odometer: total distance driven, in metres.
         max_speed: maximum speed, in m/s.
         max_turn_rate: maximum turn rate, in rad/s.
-        blocked: True if a collision stopped the base in the last step.
+        blocked: True if the base did not make its last move, or only turned, to avoid a collision.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Base:
         self._rolls_on = False
         """True if the base slows down exponentially when it is not driven."""
         self._wanted = STANDSTILL
-        """Velocity that `drive` has requested for the next step."""
+        """Velocity that `drive` has requested for the next step; zero without a request."""
 
     @property
     def moving(self) -> bool:
@@ -102,7 +102,7 @@ class Base:
         """Accelerate towards `velocity` in the next step. Without this call the base slows down.
 
         Args:
-            velocity: wanted velocity.
+            velocity: wanted velocity, which is limited to the maximum of the base.
             rolls_on: True to slow down exponentially afterwards, as after remote control; False to
                 slow down at a constant rate.
         """
@@ -116,7 +116,7 @@ class Base:
     def brake(self) -> None:
         """Stop as robots do after a velocity of zero: at once, or by an exponential slowdown."""
         if self._rolls_for:
-            # One more step at this velocity; then the exponential slowdown begins.
+            # One more step at this velocity; only then does the exponential slowdown begin.
             self.drive(self.velocity, rolls_on=True)
         else:
             self.halt()
@@ -133,7 +133,8 @@ class Base:
 
         Args:
             dt: duration of the step, in seconds.
-            gap: returns the gap in metres between the base at a pose and its surroundings.
+            gap: returns the gap in metres between the base at a pose and its surroundings; it is
+                negative if they overlap.
         """
         wanted = self._wanted if self._wanted != STANDSTILL else self._slowed(dt)
         self.velocity = _accelerated(self.velocity, wanted, dt)
@@ -160,7 +161,7 @@ class Base:
         self.odometer += velocity.speed * dt
 
     def _slowed(self, dt: float) -> Velocity:
-        """Return the wanted velocity of a base that is not driven: slower, or zero."""
+        """Return the wanted velocity in the next `dt` seconds of a base that is not driven."""
         now = self.velocity
         is_fast = max(now.speed, abs(now.turn)) > self._stops_below
         if self._rolls_on and self._rolls_for and is_fast:
@@ -173,9 +174,9 @@ def approach(distance: float, fastest: float, acceleration: float, dt: float) ->
     """Return the speed for the next step that still permits a stop after exactly `distance`.
 
     Args:
-        distance: remaining distance or angle. The speed has its sign.
-        fastest: maximum speed.
-        acceleration: maximum deceleration.
+        distance: remaining distance in metres, or angle in radians. The speed has its sign.
+        fastest: maximum speed, in m/s or rad/s.
+        acceleration: maximum deceleration, in m/s² or rad/s².
         dt: duration of the step, in seconds.
     """
     far = abs(distance)
@@ -189,24 +190,22 @@ def approach(distance: float, fastest: float, acceleration: float, dt: float) ->
 
 def _accelerated(now: Velocity, wanted: Velocity, dt: float) -> Velocity:
     """Return the velocity after accelerating towards `wanted` for `dt` seconds."""
-    forward, left = wanted.forward - now.forward, wanted.left - now.left
-    change, limit = math.hypot(forward, left), ACCELERATION * dt
-    share = limit / change if change > limit + _TOLERANCE else 1.0
+    # A wanted value within the limits is reached exactly, without a rounding error.
+    forward, left, turn = wanted.forward, wanted.left, wanted.turn
+    change = math.hypot(forward - now.forward, left - now.left)
+    limit = ACCELERATION * dt
+    if change > limit + _TOLERANCE:
+        share = limit / change
+        forward = now.forward + share * (forward - now.forward)
+        left = now.left + share * (left - now.left)
     turn_limit = ANGULAR_ACCELERATION * dt
-    turn = min(turn_limit, max(-turn_limit, wanted.turn - now.turn))
-    # A wanted value within the limit is reached exactly, without a rounding error.
-    return Velocity(
-        now.forward + share * forward if share < 1.0 else wanted.forward,
-        now.left + share * left if share < 1.0 else wanted.left,
-        wanted.turn if abs(wanted.turn - now.turn) <= turn_limit + _TOLERANCE else now.turn + turn,
-    )
+    if abs(turn - now.turn) > turn_limit + _TOLERANCE:
+        turn = now.turn + math.copysign(turn_limit, turn - now.turn)
+    return Velocity(forward, left, turn)
 
 
 def displacement(velocity: Velocity, dt: float) -> tuple[float, float, float]:
-    """Return the motion in `dt` seconds along an exact arc: forward, left and turn.
-
-    It is a displacement in the frame of the pose at its start, as for `Pose.moved`.
-    """
+    """Return the motion in `dt` seconds along an exact arc, as arguments of `Pose.moved`."""
     turn = velocity.turn * dt
     if abs(turn) < 1e-9:
         return velocity.forward * dt, velocity.left * dt, turn

@@ -1,4 +1,4 @@
-"""Devices of the robot, e.g. battery, lifts and Wi-Fi; its modes and conditions."""
+"""Devices of the robot, e.g. battery, lifts and Wi-Fi, and its modes and conditions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Battery:
         level: charge, in percent.
         profile: drain and charge rates, and constants that are reported but not simulated, e.g.
             `health`.
-        charging: state of charging.
+        charging: state of charging, `kNot` if the battery is not being charged.
     """
 
     level: float
@@ -59,12 +59,12 @@ class Battery:
 
 @dataclass
 class Lift:
-    """A vertical axis.
+    """A lift, whose height is at least 0.
 
     Attributes:
-        name: name in refusals.
+        name: name for the texts of refusals.
         device: device that a job owns while it moves the lift.
-        travel: maximum height, in metres; the minimum is 0.
+        travel: maximum height, in metres.
         default_speed: speed if a request gives none, in m/s.
         height: current height, in metres.
     """
@@ -81,10 +81,10 @@ class Lift:
         return self.height > self.travel / 2
 
     def checked(self, height: float) -> float:
-        """Return `height` if the lift can reach it.
+        """Return a height that the lift can reach: `height`, without a rounding error.
 
         Raises:
-            RefusedError: the height is out of range.
+            RefusedError: the lift cannot reach the height.
         """
         if not 0.0 <= height <= self.travel + 1e-6:
             raise RefusedError(f"{self.name}: {height:.3f} m is not within 0 to {self.travel:g} m")
@@ -101,7 +101,8 @@ class WiFi:
     """The Wi-Fi client. The same networks are always within reach.
 
     Attributes:
-        name: SSID of the connected network; empty without a connection.
+        name: SSID of the network that the client uses; empty if it has forgotten this network. It
+            stays while the robot is a hotspot.
         hotspot: True if the robot is a hotspot instead of a client.
         list_json: networks found by the last scan, as JSON; empty before the first scan.
     """
@@ -161,7 +162,7 @@ class WiFi:
         self.name, self.hotspot = ssid, False
 
     def forget(self, content: bytes) -> None:
-        """Remove the network with this SSID from the known networks.
+        """Remove a network, whose SSID is `content`, from the known networks.
 
         Raises:
             RefusedError: the network is not known.
@@ -175,11 +176,7 @@ class WiFi:
 
 
 def _ssid(content: bytes) -> str:
-    """Return the `ssid` in a JSON object.
-
-    Raises:
-        RefusedError: `content` is not a JSON object with an `ssid`.
-    """
+    """Return the `ssid` in a JSON object; raise RefusedError if there is none."""
     try:
         parsed: Any = json.loads(content)
     except (ValueError, RecursionError):
@@ -195,12 +192,13 @@ class Readiness:
     """The modes and conditions that decide whether the robot may move by itself.
 
     Attributes:
-        requested_control: control mode that a client has requested.
+        requested_control: control mode that a client requested last.
         key_manual: True if the key switch is at manual, which overrides `requested_control` and
             switches the motors off.
         key_accepts: True if requests are accepted although the key switch is at manual.
         work: work mode.
-        initialised: True if a client has told the robot its pose since it was switched on.
+        initialised: True if the robot is initialised. A mapping ends that, and InitRobot while it
+            is executed.
         located: True if the robot knows its pose.
         emergency_stop: True if the emergency stop button is pressed.
         battery_empty: True if the battery is empty.
@@ -222,7 +220,7 @@ class Readiness:
 
     @property
     def motors_on(self) -> bool:
-        """True unless the key switch has switched the motors off."""
+        """True unless the key switch is at manual."""
         return not self.key_manual
 
     @property
@@ -232,26 +230,21 @@ class Readiness:
 
     @property
     def refusal(self) -> Refusal | None:
-        """The first reason to refuse and to stop tasks and actions; None if there is none."""
+        """The first reason to refuse or stop tasks and actions, None if there is none.
+
+        With `key_accepts`, the key switch is no such reason.
+        """
         tolerated = refusals.KEY_AT_MANUAL if self.key_accepts else None
         reasons = (each for each in self._reasons_not_ready() if each is not tolerated)
         return next(reasons, None)
 
     def require_ready(self) -> None:
-        """Check that the robot accepts tasks and actions.
-
-        Raises:
-            RefusedError: the robot does not accept them.
-        """
+        """Raise RefusedError if the robot does not accept tasks and actions now."""
         if self.refusal:
             raise RefusedError(self.refusal)
 
     def require_located(self) -> None:
-        """Check that the robot knows its pose.
-
-        Raises:
-            RefusedError: the robot does not know its pose.
-        """
+        """Raise RefusedError if the robot is not initialised, or does not know its pose."""
         if not self.initialised:
             raise RefusedError(refusals.NOT_INITIALISED)
         if not self.located:

@@ -25,7 +25,7 @@ _ENDS = {
     util_task_pb2.kFailed: count_pb2.Task.kFailed,
     util_task_pb2.kCanceled: count_pb2.Task.kCancel,
 }
-"""States in the records of ended tasks, by the state of the task."""
+"""State in the record of an ended task, by the state of the task."""
 
 Record = TypeVar("Record", count_pb2.Task, count_pb2.Status)
 
@@ -40,11 +40,11 @@ class Statistics:
     Args:
         timeline: the clock of the robot.
         odometer: total distance driven so far, in metres.
-        period: time after which the record of the day is pushed again although the robot has not
-            driven, in seconds; None for never.
+        period: simulated time after which the record of the day is pushed again although the robot
+            has not driven, in seconds; None for never.
 
     Attributes:
-        days: records of the days, oldest first. `update` brings the present day up to date.
+        days: records of the days, oldest first; the last one as of the last `update`.
         tasks: records of the tasks, oldest first.
         statuses: records of the problems, oldest first.
     """
@@ -58,15 +58,15 @@ class Statistics:
         self._mileage = int(odometer)
         """Total distance driven, in whole metres."""
         self._day_start = self._next_report = 0.0
-        """Simulated times at which the day began and its record is pushed again, in seconds."""
+        """Simulated times at which the record of the day began and is next pushed, in seconds."""
         self._begin_day()
         self._starts: dict[int, float] = {}
-        """Simulated times at which the present problems began, in seconds, by status code."""
+        """Simulated time at which each problem began last, in seconds, by status code."""
         self._task_start = 0.0
-        """Simulated time at which the last task started, in seconds."""
+        """Simulated time at which the last task started, in seconds; 0 before the first."""
 
     def tick(self, odometer: float) -> None:
-        """Push the record of the day if it is due, and open a new record at midnight.
+        """Push the record of the day if it is due, and open a new record at midnight (UTC).
 
         Args:
             odometer: total distance driven, in metres.
@@ -107,7 +107,11 @@ class Statistics:
         self._open(self.tasks, record)
 
     def task_ended(self, state: util_task_pb2.State) -> None:
-        """Close the record of the last task, which is now completed, cancelled or failed."""
+        """Close the record of the last task, if it is open.
+
+        Args:
+            state: `kCompleted`, `kCanceled` or `kFailed`.
+        """
         if self.tasks and not self.tasks[-1].end:
             self.tasks[-1].state = _ENDS[state]
             self._close(self.tasks[-1], self._task_start)
@@ -145,6 +149,7 @@ class Statistics:
         )
 
     def _open(self, records: deque[Record], record: Record) -> None:
+        """Add a new record, and push it. It starts now, unless it has a start."""
         record.robot_id, record.id = self._timeline.robot_id, _next_id(records)
         if not record.bucket.start:
             record.bucket.start = int(self._timeline.time)
@@ -152,6 +157,7 @@ class Statistics:
         self._push(record)
 
     def _close(self, record: count_pb2.Task | count_pb2.Status, start: float) -> None:
+        """Close a record, and push it. `start` is the simulated time of its start, in seconds."""
         record.bucket.end = int(self._timeline.time)
         record.cons = round(self._timeline.elapsed - start)  # the duration, in seconds
         record.end = True
@@ -180,7 +186,8 @@ class Codes:
 
     Args:
         language: language of the texts.
-        publish: adds time, state and task to a new code, and sends it to the clients.
+        publish: called with each new code; adds time, state and task to it, and sends it to the
+            clients.
         statistics: records the problems: warnings, faults, and all codes passed to `watch`.
 
     Attributes:
@@ -215,10 +222,10 @@ class Codes:
 
         Args:
             code: the code.
-            kind: kind of the action that the code concerns.
-            detail: further text, in English; it is left out in other languages.
+            kind: type of the action that the code concerns; `kTypeUndefined` for none.
+            detail: further text in English, which is left out in other languages; may be empty.
         """
-        status = self._report(code, kind, detail)
+        status = self._publish_new(code, kind, detail)
         if code.level >= count_pb2.StatusCode.kWarn:
             self._statistics.problem_occurred(status)
 
@@ -230,18 +237,17 @@ class Codes:
             present: True if the cause is present at this moment.
         """
         if present and code.number not in self._abnormal:
-            status = self._abnormal[code.number] = self._report(code)
+            status = self._publish_new(code, util_action_pb2.kTypeUndefined, "")
+            self._abnormal[code.number] = status
             self._statistics.problem_began(status)
         elif not present and code.number in self._abnormal:
             del self._abnormal[code.number]
             self._statistics.problem_ended(code.number)
 
-    def _report(
-        self,
-        code: Code,
-        kind: util_action_pb2.Type = util_action_pb2.kTypeUndefined,
-        detail: str = "",
+    def _publish_new(
+        self, code: Code, kind: util_action_pb2.Type, detail: str
     ) -> count_pb2.StatusCode:
+        """Log a status code, send it to the clients and return it."""
         text = code.text(self._language)
         if detail and self._language == "en":
             text += f": {detail}"

@@ -1,6 +1,6 @@
 """Faults of the robot and of its link, on demand.
 
-`FAULTS` lists them all. `SimulatedChassis.inject` starts one now, a `Scenario` at a given time.
+`FAULTS` lists them all. `SimulatedChassis.inject` begins one now, a `Scenario` at a given time.
 """
 
 from woosh_robot_agent.simulator.config import Scenario, Step

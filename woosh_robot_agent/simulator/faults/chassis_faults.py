@@ -19,7 +19,7 @@ from woosh_robot_agent.simulator.protocol.reports import PERIODIC, STATES, TOPIC
 from woosh_robot_agent.simulator.serving.server import Server
 
 _SLICE = 100
-"""Number of pushes of a burst after which clients get time to read."""
+"""Number of pushes of a burst without a `rate` after which clients get time to read."""
 
 _BURST_CODES = (
     status_codes.OBSTACLE_IN_THE_WAY,
@@ -27,18 +27,18 @@ _BURST_CODES = (
     status_codes.TURNING_LEFT,
     status_codes.TURNING_RIGHT,
 )
-"""Codes of a burst."""
+"""Codes of a burst of status codes."""
 
 _REPEATED_SHARE = 0.8
-"""Share of the codes of a burst that equal the code before."""
+"""Probability that a code of a burst repeats the one before, instead of being chosen anew."""
 
 _BACKLOG_TIMEOUT = 1.0
-"""Time for which a burst waits for a client that does not read, in seconds of real time."""
+"""Maximum time for which a burst waits for clients to read, in seconds of real time."""
 
 _MAX_UINT32 = 2**32 - 1
 
 _POLL_PERIOD = 0.002
-"""Period of checking the backlog, in seconds of real time."""
+"""Period of checking whether clients have read, in seconds of real time."""
 
 
 @fault("the emergency stop button is pressed; at the end it is released", shared=True)
@@ -204,16 +204,16 @@ def _code_burst(server: Server, injection: Injection) -> End:
 
 
 def _repeat(server: Server, injection: Injection, push: Callable[[], None]) -> End:
-    """Call `push` in the background, as the arguments `count` and `rate` say, until the end."""
-    pushing = asyncio.ensure_future(_push_repeatedly(server, injection, push))
+    """Call `push` in the background, `count` times at the `rate` of the arguments.
 
-    def end() -> None:
-        pushing.cancel()
-
-    return end
+    Returns:
+        A function that stops the calls.
+    """
+    return asyncio.ensure_future(_push_repeatedly(server, injection, push)).cancel
 
 
 async def _push_repeatedly(server: Server, injection: Injection, push: Callable[[], None]) -> None:
+    """Call `push` as for `_repeat`. The last call ends the fault, because it reaches `count`."""
     loop = asyncio.get_running_loop()
     start = loop.time()
     rate, count = injection["rate"], injection["count"]
@@ -227,14 +227,14 @@ async def _push_repeatedly(server: Server, injection: Injection, push: Callable[
 
 
 def _current(chassis: Chassis, type_name: str) -> Message:
-    """Return the current report of a type; for an event, an empty message."""
+    """Return the current report of a type of pushes; for an event, an empty message."""
     cls: Any = message_type(type_name)
     report = STATES.get(cls) or PERIODIC.get(cls)
     return report(chassis) if report else cls()
 
 
 async def _wait_for_clients(server: Server) -> None:
-    """Wait until clients have read enough, or until a timeout."""
+    """Wait until clients have read half of the frames that may wait, or until a timeout."""
     loop = asyncio.get_running_loop()
     deadline = loop.time() + _BACKLOG_TIMEOUT
     await asyncio.sleep(0)

@@ -14,7 +14,7 @@ from woosh_robot_agent.sentences import Said, Sentence, joined, said_by
 from woosh_robot_agent.simulator.serving.server import Server
 
 Value = int | float | str
-"""Value of an argument."""
+"""Value of an argument. An optional number without a value is None instead."""
 
 # Texts with keys, which a page can show in another language.
 _OR = Sentence("said.or", "{one} or {other}")
@@ -28,7 +28,6 @@ _KINDS: dict[type, Said] = {
 """Names of the types of values."""
 _WITHIN = Sentence("argument.within", "{kind} from {low} to {high}")
 _AT_LEAST = Sentence("argument.atLeast", "{kind} of at least {low}")
-_AT_MOST = Sentence("argument.atMost", "{kind} of at most {high}")
 _IN_UNIT = Sentence("argument.inUnit", "{kind}, in {unit}")
 _UNITS = {
     unit: Sentence(f"unit.{unit}", unit)()
@@ -58,9 +57,9 @@ class Argument:
         default: default value, which also gives the type; None for an optional number.
         description: meaning of the argument, for the documentation.
         low: minimum of a number.
-        high: maximum of a number.
-        unit: unit of a number.
-        choices: valid texts; empty if all texts are valid.
+        high: maximum of a number; finite only with a finite `low`.
+        unit: unit of a number; empty if it has none.
+        choices: valid texts; empty if other texts are valid too.
         is_message: True if the text must be empty or the full name of a protobuf message.
     """
 
@@ -79,9 +78,9 @@ class Argument:
         return float if self.default is None else type(self.default)
 
     def parse(self, text: str) -> Value:
-        """Convert a text of the command line, without checking the value.
+        """Convert a text of the command line to the type of the value, if that is possible.
 
-        A text that cannot be converted is returned unchanged, and `check` rejects it.
+        Otherwise return the text unchanged, which `check` rejects.
         """
         try:
             return self.kind(text)
@@ -89,7 +88,7 @@ class Argument:
             return text
 
     def check(self, value: object) -> Value:
-        """Return `value` in the type of the argument.
+        """Return a valid value in the type of the argument, e.g. 1 as 1.0.
 
         Raises:
             FaultError: the value is invalid.
@@ -110,19 +109,16 @@ class Argument:
 
     @property
     def allowed(self) -> str:
-        """Description of the valid values."""
+        """Description of the valid values, without an article."""
         if self.choices:
             return joined(_OR, self.choices)
         if self.is_message:
             return _MESSAGE()
         text = _KINDS[self.kind]
-        has_low, has_high = math.isfinite(self.low), math.isfinite(self.high)
-        if has_low and has_high:
+        if math.isfinite(self.high):
             text = _WITHIN(kind=text, low=_number(self.low), high=_number(self.high))
-        elif has_low:
+        elif math.isfinite(self.low):
             text = _AT_LEAST(kind=text, low=_number(self.low))
-        elif has_high:
-            text = _AT_MOST(kind=text, high=_number(self.high))
         if not self.unit:
             return text
         return _IN_UNIT(kind=text, unit=_UNITS.get(self.unit, self.unit))
@@ -137,21 +133,18 @@ def _number(value: float) -> str:
 
 
 def _article(text: str) -> str:
-    """Return a description such as "integer" with its article; choices have none.
-
-    A single choice is the only text that is not a `Said`.
-    """
-    if " or " in text or not isinstance(text, Said):
+    """Return a description such as "integer" with its article; a list of choices has none."""
+    if " or " in text or not isinstance(text, Said):  # a single choice is no `Said`
         return text
     article = "an" if text[0] in "aeiou" else "a"
     return Said(f"{article} {text}", text.key, text.values)
 
 
-End = Callable[[], None]
+End = Callable[[], object]
 """Ends a fault."""
 
 Begin = Callable[[Server, "Injection"], "End | None"]
-"""Begins a fault. Returns the function that ends it, or None for a momentary fault."""
+"""Begins a fault. Returns the function that ends it, None if it has no duration at all."""
 
 FOR = Argument(
     "for", 0.0, "time after which the fault ends; 0: no limit", 0, unit="s of simulated time"
@@ -168,9 +161,10 @@ class Fault:
         description: effect of the fault, for the documentation.
         begin: function that begins the fault.
         own_arguments: arguments, without `for`, which all lasting faults have.
-        lasting: True if the fault lasts until it is cleared or expires; False if it is momentary.
+        lasting: True if the fault lasts until it is cleared or expires; False for a momentary
+            fault, which is over at once or when it has done all that it does.
         shared: True if simultaneous injections act as one fault, which ends with the last of them.
-        check: raises FaultError for an invalid combination of arguments.
+        check: raises FaultError for an invalid combination of arguments; None if all are valid.
     """
 
     name: str
@@ -229,7 +223,10 @@ def fault(
     shared: bool = False,
     check: Callable[[Mapping[str, Any]], None] | None = None,
 ) -> Callable[[Begin], Begin]:
-    """Make the decorated function begin a fault of the same name, and add the fault to `FAULTS`."""
+    """Add a fault to `FAULTS`, with the name of the decorated function, which begins it.
+
+    The arguments are those of `Fault`.
+    """
 
     def add(begin: Begin) -> Begin:
         name = begin.__name__.strip("_")
@@ -249,8 +246,8 @@ class Injection:
         number: number among the injections of this fault, from 1.
         arguments: all arguments, defaults included, by name.
         rng: random number generator, derived from the seed of the simulator.
-        hits: number of answers, frames or connections that the fault has affected.
-        active: True until the fault ends.
+        hits: number of answers, pushes, requests or connections that the fault has affected.
+        active: True until this injection ends.
     """
 
     fault: Fault
@@ -258,7 +255,7 @@ class Injection:
     arguments: dict[str, Any]
     rng: random.Random
     _clear: Callable[[Injection], None]
-    """Function that ends this injection."""
+    """Ends the given injection; set by the `Injector`."""
     hits: int = 0
     active: bool = True
 
@@ -281,11 +278,11 @@ class Injection:
         return self.fault.name
 
     def clear(self) -> None:
-        """End the fault, if it has not ended."""
+        """End the injection, if it has not ended."""
         self._clear(self)
 
     def hit(self) -> None:
-        """Count an affected answer, frame or connection; end the fault if `count` is reached."""
+        """Count an effect of the fault, and end the injection if its `count` is reached."""
         self.hits += 1
         if self.hits == self.arguments.get("count"):
             self.clear()

@@ -1,4 +1,4 @@
-"""Parse faults of the command line and of scenarios, and begin and end faults."""
+"""Parses faults of the command line and of scenarios, and begins and ends faults."""
 
 from __future__ import annotations
 
@@ -36,11 +36,7 @@ _TWICE = Sentence("fault.twice", "{fault}: {name} is given twice")
 
 
 def find_fault(name: str) -> Fault:
-    """Return the fault called `name`.
-
-    Raises:
-        FaultError: there is no such fault.
-    """
+    """Return the fault called `name`; raise FaultError if there is none."""
     try:
         return FAULTS[name]
     except KeyError:
@@ -74,11 +70,7 @@ _AT = Argument("at", 0.0, "time at which the fault begins", 0.0, unit="s of simu
 
 
 def _make_step(name: str, arguments: Mapping[str, object]) -> Step:
-    """Return a step of a scenario, with all defaults filled in.
-
-    Args:
-        name: name of the fault.
-        arguments: arguments of the fault, and `at`.
+    """Return a step of a scenario, with all defaults filled in, from arguments and `at`.
 
     Raises:
         FaultError: there is no such fault, or an argument is invalid.
@@ -159,7 +151,7 @@ class Injector:
         steps: scheduled faults.
 
     Attributes:
-        counts: number of faults since the start, by name.
+        counts: number of faults that were injected since the start, by name.
     """
 
     def __init__(self, server: Server, seed: int, steps: Iterable[Step] = ()) -> None:
@@ -168,11 +160,14 @@ class Injector:
         self._seed = seed
         self._steps = deque(sorted(steps, key=lambda step: step.at))
         self._clock = 0.0
-        """Simulated time, in seconds. Unlike that of the chassis, it goes on during `freeze`."""
+        """Simulated time since the start, in seconds.
+
+        Unlike the time of the chassis, it goes on during the fault `freeze`.
+        """
         self._active: dict[Injection, float | None] = {}
-        """Active faults, oldest first, with the simulated times at which they expire."""
+        """Active faults, oldest first, with the times at which they expire; None for no limit."""
         self._ends: dict[object, End] = {}
-        """Functions that end the active faults, by injection, or by fault if it is shared."""
+        """Functions that end the active faults, by `Injection`, or by `Fault` if it is shared."""
 
     @property
     def active(self) -> list[Injection]:
@@ -180,7 +175,7 @@ class Injector:
         return list(self._active)
 
     def inject(self, name: str, **arguments: object) -> Injection:
-        """Begin a fault.
+        """Begin a fault with the given arguments.
 
         Raises:
             FaultError: there is no such fault, or an argument is invalid.
@@ -201,7 +196,7 @@ class Injector:
             self._active[injection] = self._clock + seconds if seconds else None
         else:
             _LOG.info("fault: %s", injection)
-            injection.active = False  # a momentary fault is already over
+            injection.active = False  # it is already over
         return injection
 
     def clear(self) -> None:
@@ -212,7 +207,7 @@ class Injector:
             injection.clear()
 
     def advance(self, seconds: float) -> None:
-        """Let `seconds` pass: end expired faults and begin due ones."""
+        """Let `seconds` of simulated time pass: end expired faults and begin due ones."""
         self._clock = round(self._clock + seconds, 6)
         for injection, until in list(self._active.items()):
             if until is not None and until <= self._clock:

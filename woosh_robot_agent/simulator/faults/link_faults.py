@@ -87,7 +87,7 @@ _FRAMES = Argument(
 def _on_frames(
     alter: Callable[[Injection, Outgoing], Iterable[Outgoing]],
 ) -> Callable[[Server, Injection], End]:
-    """Turn a function that replaces a frame into the function that begins the fault."""
+    """Turn a function that returns the frames to send instead of one into a `Begin` function."""
 
     def begin(server: Server, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
@@ -141,7 +141,7 @@ def _delay(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
 
 
 class _Shuffle:
-    """Collects the frames of each client up to `window` or a timeout, and sends them shuffled."""
+    """Collects up to `window` frames to each client, or for `seconds`, and sends them shuffled."""
 
     def __init__(self, injection: Injection) -> None:
         self._injection = injection
@@ -151,12 +151,7 @@ class _Shuffle:
         """Timeouts of the collected frames, by client."""
 
     def keep(self, client: object, release: Release) -> None:
-        """Collect a frame instead of sending it.
-
-        Args:
-            client: receiver of the frame.
-            release: sends the frame.
-        """
+        """Collect a frame to `client`, which `release` sends."""
         kept = self._kept.setdefault(client, [])
         kept.append(release)
         # The frame that reaches `count` ends the fault, and only then comes here: send it at once.
@@ -265,7 +260,7 @@ _SELECTION = (_TYPE, _COUNT, _FRAMES)
 
 
 def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Begin:
-    """Turn a function that damages an encoded frame into the function that begins the fault."""
+    """Turn a function that damages an encoded frame into a `Begin` function."""
 
     def alter(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
         damage_before = frame.damage  # that of another fault
@@ -320,6 +315,7 @@ def _truncated(injection: Injection, codec: Codec, data: str | bytes) -> Encoded
 
 
 def _truncated_on_wire(data: str | bytes) -> Write:
+    """Return the function that writes half a frame, and aborts the connection."""
     raw = _bytes(data)
 
     async def write(transport: ServerTransport) -> None:
@@ -424,6 +420,7 @@ def _body(pack: MessagePackJson) -> Message | None:
 
 
 def _readable(codec: Codec, data: str | bytes) -> bool:
+    """Return True if `data` is a valid frame."""
     try:
         codec.decode(data)
     except FrameError:
@@ -440,4 +437,5 @@ def _json(frame: Json) -> str:
 
 
 def _tag(number: int, wire_type: int) -> bytes:
+    """Return the protobuf tag of a field: its number and its wire type."""
     return varint(number << 3 | wire_type)

@@ -144,7 +144,7 @@ def with_map(scene: Scene, area: Map) -> Scene:
     """
     old = scene.map(area.name)
     if old is None:
-        number = _free_id(each.id for each in scene.maps)
+        number = free_id(each.id for each in scene.maps)
         # without the index, which does not list the new map; `files_of` creates a new one
         files = {name: data for name, data in scene.files.items() if name != SCENE_INDEX}
         return replace(scene, maps=[*scene.maps, replace(area, id=number)], files=files)
@@ -181,7 +181,7 @@ def with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
 
 def free_mark_id(area: Map) -> int:
     """Return an id that no mark of a map has."""
-    return _free_id(mark.id for mark in area.marks.values())
+    return free_id(mark.id for mark in area.marks.values())
 
 
 def with_marks(scene: Scene, area: Map, marks: Iterable[Mark]) -> Scene:
@@ -190,7 +190,7 @@ def with_marks(scene: Scene, area: Map, marks: Iterable[Mark]) -> Scene:
     return with_map_changed(scene, area, replace(area, version=area.version + 1, marks=numbered))
 
 
-def _free_id(taken: Iterable[int]) -> int:
+def free_id(taken: Iterable[int]) -> int:
     """Return the highest id plus 1, or the first free id if the highest one is `_MAX_ID`."""
     ids = set(taken)
     highest = max(ids, default=0)

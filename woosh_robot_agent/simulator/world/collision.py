@@ -16,6 +16,9 @@ class Obstacles:
 
     Each obstacle is a regular polygon with its corners on a circle. Positions are in the map's
     frame, and do not change when the robot switches to another map.
+
+    Attributes:
+        walls: sides of all obstacles: the same object until an obstacle changes.
     """
 
     def __init__(self) -> None:
@@ -23,17 +26,16 @@ class Obstacles:
         """Position of the centre and radius of each obstacle in metres, by name."""
         self._sides: dict[str, tuple[Wall, ...]] = {}
         """Sides of each obstacle, by name."""
-        self._all_sides: tuple[Wall, ...] = ()
-        """Sides of all obstacles together."""
+        self.walls: tuple[Wall, ...] = ()
 
     def put(self, name: str, x: float, y: float, radius: float = 0.3) -> None:
         """Add an obstacle, or move and resize the obstacle of the same name.
 
         Args:
             name: name by which the obstacle can be moved and removed.
-            x: position of the centre, in metres.
-            y: position of the centre, in metres.
-            radius: radius, in metres.
+            x: position of the centre in the map's frame, in metres.
+            y: the same.
+            radius: radius of the circle around the obstacle, in metres.
 
         Raises:
             ValueError: a number is not finite, or the radius is not positive.
@@ -66,14 +68,6 @@ class Obstacles:
         """Names of all obstacles, in the order in which they were added."""
         return tuple(self._circles)
 
-    @property
-    def walls(self) -> tuple[Wall, ...]:
-        """Sides of all obstacles.
-
-        The tuple is a new object only after a change, so that callers can compare it with `is`.
-        """
-        return self._all_sides
-
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest obstacle, in metres.
 
@@ -89,7 +83,7 @@ class Obstacles:
         return nearest
 
     def _join_sides(self) -> None:
-        self._all_sides = tuple(side for sides in self._sides.values() for side in sides)
+        self.walls = tuple(side for sides in self._sides.values() for side in sides)
 
 
 def _polygon(x: float, y: float, radius: float) -> tuple[Wall, ...]:
@@ -102,30 +96,30 @@ def _polygon(x: float, y: float, radius: float) -> tuple[Wall, ...]:
 
 
 class CollisionDetector:
-    """Computes gaps for a moving base, and skips the computation while nothing is near."""
+    """Computes the gaps of a moving base, and skips the computation while nothing is near."""
 
     def __init__(self) -> None:
         self._area: Map | None = None
-        """Map for which the clearance was last computed, None before the first time."""
+        """Map for which the clearance was last computed, None at first."""
         self._obstacle_walls: tuple[Wall, ...] = ()
         """Walls of the obstacles for which the clearance was last computed."""
         self._centre: Point = (0.0, 0.0)
         """Position at which the clearance was last computed, in metres."""
         self._clearance = 0.0
-        """Minimum distance from `_centre` to walls and obstacles, in metres."""
+        """Lower limit of the distance from `_centre` to walls and obstacles, in metres."""
 
     def gap(self, outline: Outline, pose: Pose, area: Map, obstacles: Obstacles) -> float:
-        """Return the gap in metres between the outline at `pose` and walls and obstacles.
+        """Return the gap in metres between an outline at `pose` and walls and obstacles.
 
-        The module `geometry` defines the gap. It is infinite if nothing is within the outline's
-        radius.
+        The module `geometry` defines gaps. The gap is infinite if nothing is as near to the centre
+        as the furthest corner of the outline.
         """
         shape = hull(outline)
         if self._area is not area or self._obstacle_walls is not obstacles.walls:
             self._area, self._obstacle_walls = area, obstacles.walls
-            self._clearance = 0.0  # not known: the comparison below fails
+            self._clearance = 0.0  # not known
         if self._clearance - pose.distance(self._centre) > shape.radius:
-            return math.inf  # the base has not moved far enough to be near anything
+            return math.inf  # since then, the base has not moved far enough to be near anything
         self._centre = pose.point
         clearance = min(area.clearance(*self._centre), obstacles.clearance(*self._centre))
         self._clearance = clearance - area.clearance_error

@@ -1,8 +1,8 @@
 """Plane geometry: poses, walls, outlines and gaps, in metres and radians (counter-clockwise).
 
-The gap between an outline and walls is the distance by which each side of the outline could be
-moved outwards before it touches a wall. A negative gap is the depth to which a wall has entered the
-outline. The gap grows on the way out of a collision, so that a base can leave a collision.
+The gap between an outline and walls is the distance by which all sides of the outline could move
+outwards before one touches a wall. A negative gap is the depth to which a wall has entered the
+outline. It grows on the way out of a collision, so that a base can leave one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def wrap(angle: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A position in metres and a heading in radians, in the map's frame by default."""
+    """A position in metres and a heading in radians, in the map's frame unless said otherwise."""
 
     x: float = 0.0
     y: float = 0.0
@@ -39,7 +39,7 @@ class Pose:
         return self.x, self.y
 
     def moved(self, forward: float, left: float, turn: float) -> Pose:
-        """Return the pose after a displacement in the frame of this pose."""
+        """Return the pose after a displacement in the frame of this pose, in metres and radians."""
         cos, sin = math.cos(self.theta), math.sin(self.theta)
         return Pose(
             self.x + forward * cos - left * sin,
@@ -58,7 +58,7 @@ class Pose:
         return math.hypot(point[0] - self.x, point[1] - self.y)
 
     def bearing(self, point: Point) -> float:
-        """Return the angle from the heading to the direction of `point`, in (-pi, pi]."""
+        """Return the angle from the heading to the direction of `point`, in radians: (-pi, pi]."""
         return wrap(math.atan2(point[1] - self.y, point[0] - self.x) - self.theta)
 
     def __str__(self) -> str:
@@ -67,7 +67,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Wall:
-    """A straight wall from (x1, y1) to (x2, y2), without thickness."""
+    """A straight wall without thickness from (x1, y1) to (x2, y2), in metres in the map's frame."""
 
     x1: float
     y1: float
@@ -85,7 +85,7 @@ class Wall:
         return math.hypot(self.x1 + share * along_x - x, self.y1 + share * along_y - y)
 
     def line_distance(self, start: Point, end: Point) -> float:
-        """Return the distance from the line segment `start` to `end` to the wall, in metres."""
+        """Return the distance between the wall and the line from `start` to `end`, in metres."""
         if self.crosses(start, end):
             return 0.0
         line = Wall(*start, *end)
@@ -97,7 +97,7 @@ class Wall:
         )
 
     def crosses(self, start: Point, end: Point) -> bool:
-        """Return True if the line segment from `start` to `end` crosses the wall."""
+        """Return True if the line from `start` to `end` crosses the wall, not just touches it."""
         first, second = (self.x1, self.y1), (self.x2, self.y2)
         return (
             _side(start, end, first) * _side(start, end, second) < 0.0
@@ -115,13 +115,7 @@ Outline = tuple[Point, ...]
 
 
 def footprints(original: Outline) -> dict[int, Outline]:
-    """Return the outlines of a robot by `woosh.robot.FootPrint`.
-
-    There are outlines of the robot as built, with goods on top, for docking, and a spare outline.
-
-    Args:
-        original: outline of the robot as built.
-    """
+    """Return the outlines of a robot by `woosh.robot.FootPrint`, from the outline as built."""
     return {
         util_robot_pb2.kOriginal: original,
         util_robot_pb2.kExpand: _grown(original, 0.15),
@@ -131,6 +125,7 @@ def footprints(original: Outline) -> dict[int, Outline]:
 
 
 def _grown(outline: Outline, margin: float) -> Outline:
+    """Return an outline with its corners `margin` metres further out in x and in y."""
     return tuple((x + math.copysign(margin, x), y + math.copysign(margin, y)) for x, y in outline)
 
 
@@ -140,7 +135,7 @@ def outer_radius(outline: Outline) -> float:
 
 
 class Hull:
-    """A convex outline, as the half planes of its sides.
+    """A convex outline around the centre of the base, described by its sides.
 
     Attributes:
         radius: distance from the centre of the base to the outermost corner, in metres. Anything
@@ -156,25 +151,25 @@ class Hull:
     def gap(self, pose: Pose, walls: Iterable[Wall]) -> float:
         """Return the gap in metres between the outline at `pose` and the nearest wall.
 
-        The gap is infinite if all walls are further away than `radius`.
+        It is infinite if no wall is within `radius` of the centre.
         """
         near = (wall for wall in walls if wall.distance(pose.x, pose.y) <= self.radius)
         return min((self._wall_gap(pose, wall) for wall in near), default=math.inf)
 
     def _wall_gap(self, pose: Pose, wall: Wall) -> float:
-        """Return the gap between the outline and a wall, in metres.
+        """Return the gap between the outline at `pose` and a wall, in metres.
 
-        The gap of a point is its distance from the side outside of which it lies furthest. The gap
-        of the wall is the smallest one of its points.
+        A point has a signed distance from each side, positive outside. Its gap is the greatest of
+        them. The gap of the wall is the smallest gap of its points.
         """
         x1, y1 = pose.local(wall.x1, wall.y1)
         x2, y2 = pose.local(wall.x2, wall.y2)
-        # Along the wall, the distance from a side is a line: its value at the start, and its slope.
+        # Along the wall, the distance from a side is linear: its value at the start, and its slope.
         lines = [
             (nx * x1 + ny * y1 - distance, nx * (x2 - x1) + ny * (y2 - y1))
             for nx, ny, distance in self.sides
         ]
-        # The gap at a position is that of the highest line there. Follow it until it rises.
+        # The gap at a position is the highest line there. Follow that line until it rises.
         position = 0.0  # along the wall, from 0 to 1
         start, slope = max(lines)
         while slope < 0.0:
@@ -191,6 +186,7 @@ class Hull:
 
 
 def _sides(outline: Outline) -> Iterable[tuple[float, float, float]]:
+    """Yield the sides as in `Hull.sides`."""
     for (x1, y1), (x2, y2) in pairwise((*outline, outline[0])):
         length = math.hypot(x2 - x1, y2 - y1)
         nx, ny = (y2 - y1) / length, (x1 - x2) / length
@@ -201,5 +197,5 @@ def _sides(outline: Outline) -> Iterable[tuple[float, float, float]]:
 
 @lru_cache(maxsize=16)
 def hull(outline: Outline) -> Hull:
-    """Return the hull of an outline, computed once."""
+    """Return the hull of an outline, from a cache."""
     return Hull(outline)

@@ -1,8 +1,8 @@
-"""Occupancy grids: maps that are given as pictures.
+"""Occupancy grids: the cells of maps that are given as pictures or made by the robot.
 
 Distances are looked up in distance fields, which scipy computes once per map. A look-up takes
 microseconds, whereas a real map would need thousands of walls. This module needs numpy and scipy,
-which load slowly: it is only imported for maps with a picture.
+which load slowly: it is only imported when a map has cells.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _FAR = 1e6
 """Distance to the nearest occupied cell in a grid without occupied cells, in cells."""
 
 _OVERSHOOT = 1e-6
-"""Distance that a ray advances past a cell's border despite rounding errors, in cells."""
+"""Distance by which a ray goes past a border, so that it is in the next cell for sure, in cells."""
 
 
 class Grid:
@@ -83,7 +83,7 @@ class Grid:
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest occupied cell, in metres.
 
-        The distance is exact to within a cell.
+        It is exact to within a cell, and infinite if no cell is occupied.
         """
         if not self._any_occupied:
             return math.inf
@@ -105,13 +105,13 @@ class Grid:
     def blocked_rows(
         self, first: Point, step: float, columns: int, rows: int, radius: float
     ) -> Iterator[bytes]:
-        """Find the places of a lattice with less `room` than `radius`.
+        """Find the places of a lattice with less `room` than `radius`, row by row.
 
         Args:
-            first: position of the first place of the lattice, in metres.
+            first: position of the place with the smallest x and y, in metres.
             step: distance between neighbouring places, in metres.
-            columns: number of places in x.
-            rows: number of places in y.
+            columns: number of places in x direction.
+            rows: number of places in y direction.
             radius: room that a place needs, in metres.
 
         Yields:
@@ -218,11 +218,13 @@ class Grid:
 
     @cached_property
     def _to_not_free(self) -> npt.NDArray[np.float32]:
-        """Distance from each cell to the nearest one that is not free, in cells."""
+        """Distance from each cell to the nearest one that is not free, centre to centre, in cells.
+
+        Keep-out cells and everything outside the grid are not free.
+        """
         free = (self.cells != OCCUPIED) & (self.cells != UNKNOWN)
         if self.keep_out is not None:
             free &= ~self.keep_out
-        # Everything outside the grid is unknown.
         return _distances(np.pad(free, 1))[1:-1, 1:-1]
 
     def _cell(self, x: float, y: float) -> tuple[int, int] | None:
@@ -232,6 +234,7 @@ class Grid:
         return (row, column) if 0 <= row < rows and 0 <= column < columns else None
 
     def _in_cells(self, x: float, y: float) -> Point:
+        """Return (x, y) relative to the corner `low`, in cells."""
         return (x - self.low[0]) / self.resolution, (y - self.low[1]) / self.resolution
 
     def _interpolated(self, field: npt.NDArray[np.float32], points: Floats) -> Floats:
@@ -245,5 +248,6 @@ class Grid:
 
 
 def _distances(free: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+    """Return the distance from each cell to the nearest False one, centre to centre, in cells."""
     distances: npt.NDArray[np.float64] = ndimage.distance_transform_edt(free)
     return distances.astype(np.float32)

@@ -1,7 +1,7 @@
-"""Make occupancy grids from the scans of a laser; the grids grow with the scans.
+"""Makes occupancy grids from the scans of a laser; the grids grow with the scans.
 
-Each cell counts evidence: a ray that passes the cell says that the cell is free, an echo that it is
-occupied. The pose of each scan is known, so that no scan matching is needed.
+Each cell has a number, its evidence: a scan with rays through the cell lowers it, a scan with an
+echo in the cell raises it. The pose of each scan is known: no scan matching is needed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ RESOLUTION = 0.05
 """Side of a cell of a new map, in metres."""
 
 _ECHO, _MAX_EVIDENCE, _MIN_EVIDENCE = 2, 20, -10
-"""Evidence of one echo, and limits of the evidence of a cell. A ray that passes counts -1.
+"""Evidence of a scan with echoes in a cell, and limits of the sum. Rays through a cell count -1.
 
 Because of the limits, a few scans can change a cell, however often it was seen before.
 """
@@ -51,7 +51,7 @@ It exceeds the noise of the laser, so that all echoes of a wall are in the same 
 """
 
 _MARGIN = 64
-"""Number of additional cells by which the grid grows, so that it grows seldom."""
+"""Number of cells by which the grid grows beyond the needed ones, so that it grows seldom."""
 
 _EDGE = 10
 """Width of the border of unknown cells around the known cells in the raster, in cells."""
@@ -70,7 +70,7 @@ class GrowingGrid:
 
     Attributes:
         resolution: side of a cell, in metres.
-        full: True if a scan was left out because the grid would have become too large.
+        full: True if a scan or floor was left out because the grid would have become too large.
     """
 
     def __init__(self, base: Raster | None = None) -> None:
@@ -97,7 +97,7 @@ class GrowingGrid:
         """Add a scan. Rays without an echo say nothing.
 
         Args:
-            laser: pose of the laser.
+            laser: pose of the laser in the map's frame.
             first: angle of the first ray from straight ahead, in radians.
             increment: angle between two rays, in radians.
             ranges: lengths of the rays in metres, infinite for a ray without an echo.
@@ -116,7 +116,11 @@ class GrowingGrid:
         )
 
     def add_floor(self, corners: Sequence[Point]) -> None:
-        """Add free floor inside a polygon, e.g. the outline of the robot."""
+        """Add free floor inside a polygon, e.g. the outline of the robot.
+
+        Args:
+            corners: corners of the polygon in the map's frame, in metres.
+        """
         x, y = np.array(corners).T
         columns, rows = self._indices(x, y)
         none = columns[:0]
@@ -149,7 +153,10 @@ class GrowingGrid:
     def _add_evidence(
         self, columns: Indices, rows: Indices, echo_columns: Indices, echo_rows: Indices
     ) -> None:
-        """Add free cells inside the polygon with corners in `columns` and `rows`, and echoes."""
+        """Add free cells inside the polygon with corners in `columns` and `rows`, and echoes.
+
+        If they would make the grid too large, set `full` instead.
+        """
         left, right = int(columns.min()), int(columns.max())
         bottom, top = int(rows.min()), int(rows.max())
         if not self._reserve(left, bottom, right, top):

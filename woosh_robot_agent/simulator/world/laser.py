@@ -32,7 +32,7 @@ class Laser:
         angle_min: angle of the first ray from straight ahead, in radians.
         angle_max: angle of the last ray, in radians.
         increment: angle between two rays, in radians.
-        range_min: minimum range, in metres.
+        range_min: minimum range, in metres. Nearer echoes also have this range.
         range_max: maximum range, in metres. A ray that hits nothing within it measures infinity.
         scan_time: time between two scans as ScannerData reports it, in seconds. The simulated scans
             have the period that the profile gives.
@@ -68,7 +68,7 @@ class Laser:
         """Return the ranges of a scan in metres, first ray first; infinite for a ray without echo.
 
         Args:
-            base: pose of the base.
+            base: pose of the base in the map's frame.
             walls: walls, including the sides of obstacles.
             rng: random number generator for the noise.
             grid: occupancy grid that the rays also hit; None if there is none.
@@ -84,14 +84,14 @@ class Laser:
         return [self._measure(distance, rng) for distance in ranges]
 
     def _measure(self, distance: float, rng: random.Random) -> float:
-        """Return the range that is measured at a distance; infinite beyond `range_max`."""
+        """Return the range that is measured at a distance (m); infinite beyond `range_max`."""
         if distance > self.range_max:
             return math.inf
         error = max(-_MAX_ERROR, min(_MAX_ERROR, rng.gauss(0.0, self.noise)))
         return max(self.range_min, distance + error)
 
     def _cast(self, origin: Pose, wall: Wall, ranges: list[float]) -> None:
-        """Shorten the ranges of the rays that hit `wall`."""
+        """Shorten the `ranges` of the rays from `origin` that hit `wall`, in place."""
         x1, y1 = wall.x1 - origin.x, wall.y1 - origin.y
         x2, y2 = wall.x2 - origin.x, wall.y2 - origin.y
         if x1 * y2 - x2 * y1 < 0.0:

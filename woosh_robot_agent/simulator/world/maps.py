@@ -38,7 +38,7 @@ class Mark:
         pose: pose of a robot that stands at the mark, in the map's frame.
         kind: kind of the mark.
         description: description for people.
-        storage: all data of the mark, if a client has given more than the other attributes.
+        storage: all data of the mark, if they came as a message; else None.
     """
 
     id: int
@@ -57,15 +57,15 @@ class Map:
         id: identifier, unique in its scene.
         name: name, unique in its scene.
         floor: name of the floor.
-        version: version, increased by each change.
+        version: number that each change increases.
         low: corner of the mapped area with the smallest x and y, in metres.
         high: opposite corner, in metres.
         walls: walls, which the laser sees and the robot cannot pass.
         marks: marks, by number.
-        grid: occupancy grid, if the map has one; used in addition to the walls.
+        grid: occupancy grid, used in addition to the walls; None if there is none.
         other_marks: marks of other kinds, such as beacons, which the robot only stores.
         end: pose of the robot when it was last on the map, or at the end of its mapping; None if
-            that is not known.
+            it is not known.
         ground_truth: for a map that the robot made: the map with the real walls, which decide on
             collisions and scans. None for a map that has the real walls itself.
     """
@@ -84,27 +84,33 @@ class Map:
     ground_truth: Map | None = None
 
     def clearance(self, x: float, y: float) -> float:
-        """Return the distance from (x, y) to the nearest wall or occupied cell, in metres."""
+        """Return the distance from (x, y) to the nearest wall or occupied cell, in metres.
+
+        It is infinite if there is none, and may be too large by `clearance_error`.
+        """
         nearest = min((wall.distance(x, y) for wall in self.walls), default=math.inf)
         return min(nearest, self.grid.clearance(x, y)) if self.grid else nearest
 
     def same_ground(self, other: Map) -> bool:
-        """Return True if a map has the same area, walls and grid as this one."""
+        """Return True if another map has the same area and walls and the same `Grid` object."""
         mine, others = (self.low, self.high, self.walls), (other.low, other.high, other.walls)
         return mine == others and self.grid is other.grid
 
     @property
     def clearance_error(self) -> float:
-        """Maximum by which `clearance` overestimates the distance, in metres."""
+        """Maximum error by which `clearance` may be too large, in metres."""
         return self.grid.resolution if self.grid else 0.0
 
     def gap(self, hull: Hull, pose: Pose) -> float:
-        """Return the gap in metres between an outline at `pose` and walls and occupied cells."""
+        """Return the gap in metres between an outline at `pose` and walls and occupied cells.
+
+        It is negative if they overlap, and infinite if no wall or occupied cell is near.
+        """
         gap = hull.gap(pose, self.walls)
         return min(gap, self.grid.gap(hull, pose)) if self.grid else gap
 
     def contains(self, x: float, y: float) -> bool:
-        """Return True if (x, y) is in the mapped area."""
+        """Return True if (x, y) is in the mapped area, and not in an unknown cell."""
         if not (self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]):
             return False
         return self.grid is None or self.grid.known(x, y)

@@ -1,4 +1,4 @@
-"""Draw a map as a picture with the grey values of nav2's map_saver."""
+"""Draws maps as pictures with the grey values of nav2's map_saver."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _RESOLUTION = 0.05
 """Side of a pixel in the picture of a map without a grid, in metres."""
 
 _MAX_DRAWN_PIXELS = 2048 * 2048
-"""Maximum size of the picture of a map without a grid. Larger maps have larger pixels."""
+"""Maximum number of pixels of a map without a grid. Larger maps have larger pixels."""
 
 _EDGE = 0.5
-"""Width of the unknown edge around a map without a grid, in metres."""
+"""Width of the unknown border around a map without a grid, in metres."""
 
 _GREY_OCCUPIED, _GREY_UNKNOWN, _GREY_FREE = 0, 205, 254
 """Grey values of map_saver. A `free_thresh` of 0.196 distinguishes unknown from free."""
@@ -40,8 +40,8 @@ class Picture:
         png: the picture as PNG. Its last row has the smallest y.
         resolution: side of a pixel, in metres.
         low: lower left corner of the picture, in metres in the map's frame.
-        keepout: picture of the same size in which keep-out areas are black; empty without such
-            areas.
+        keepout: picture of the same size as PNG, in which keep-out areas are black; empty without
+            such areas.
     """
 
     png: bytes
@@ -60,7 +60,7 @@ def draw(area: Map) -> Picture:
 
 
 def rasterised(area: Map) -> Raster:
-    """Return the cells of a map, with its walls drawn into them."""
+    """Return the cells of a map as a copy, with its walls drawn into them."""
     if area.grid:
         cells, resolution, low = area.grid.cells.copy(), area.grid.resolution, area.grid.low
     else:
@@ -70,7 +70,7 @@ def rasterised(area: Map) -> Raster:
 
 
 def png(cells: Cells) -> bytes:
-    """Return the picture of cells as PNG. The cells are in rows by increasing y."""
+    """Return the picture of `Raster.cells` as PNG."""
     greys = np.full(cells.shape, _GREY_FREE, np.uint8)
     greys[cells == OCCUPIED] = _GREY_OCCUPIED
     greys[cells == UNKNOWN] = _GREY_UNKNOWN
@@ -78,6 +78,7 @@ def png(cells: Cells) -> bytes:
 
 
 def _png(greys: npt.NDArray[np.integer[Any]]) -> bytes:
+    """Return grey values, in rows by increasing y, as PNG. Its first row has the largest y."""
     buffer = io.BytesIO()
     Image.fromarray(greys[::-1].astype(np.uint8)).save(buffer, "PNG")
     return buffer.getvalue()

@@ -23,7 +23,7 @@ _MIN_CLEARANCE = 1e-3
 """Clearance that even a start close to a wall needs, in metres."""
 
 _MAX_PLACES = 300_000
-"""Maximum number of places that the search of a path visits: it takes about a second, and is enough
+"""Maximum number of places that the search of a path visits. It takes about a second, and is enough
 for 100 x 100 m."""
 
 _DIAGONAL_EXTRA = math.sqrt(2.0) - 1.0
@@ -31,11 +31,11 @@ _DIAGONAL_EXTRA = math.sqrt(2.0) - 1.0
 
 
 class SearchBudgetError(Exception):
-    """The computation time for planning a path is used up."""
+    """The search of a path has visited too many places."""
 
 
 class SearchBudget:
-    """Limit of the computation for one path, all its legs together. Planning blocks the simulator.
+    """Limit of the search of one path, all its legs together: it blocks the simulator meanwhile.
 
     Attributes:
         left: number of places that may still be visited.
@@ -45,11 +45,7 @@ class SearchBudget:
         self.left = left
 
     def visit(self) -> None:
-        """Count a visit of a place.
-
-        Raises:
-            SearchBudgetError: the budget is used up.
-        """
+        """Count a visit of a place; raise SearchBudgetError if the budget is used up."""
         self.left -= 1
         if self.left < 0:
             raise SearchBudgetError
@@ -58,8 +54,8 @@ class SearchBudget:
 class Lattice:
     """The regular places on a map that a search visits.
 
-    The places are numbered row by row, from the lower left corner. A border of blocked places keeps
-    the search inside.
+    The places are numbered row by row, from the corner with the smallest x and y. A border of
+    blocked places around them keeps the search inside.
     """
 
     def __init__(self, area: Map) -> None:
@@ -77,7 +73,7 @@ class Lattice:
         )
 
     def blocked_places(self, area: Map, radius: float) -> bytearray:
-        """Return 1 for each place with a wall or cell of the map within `radius` (m), else 0."""
+        """Return a byte for each place: 1 if a wall or cell of the map is within `radius` (m)."""
         rows: Iterable[bytes] = [bytes(self._columns)] * self._rows
         if area.grid:
             first = self._low[0] + 0.5 * _SPACING, self._low[1] + 0.5 * _SPACING
@@ -116,13 +112,13 @@ class Lattice:
         blocked: bytearray,
         budget: SearchBudget,
     ) -> list[int] | None:
-        """Return the shortest path found by A*, or None if there is none.
+        """Return the shortest path as the numbers of its places, or None if there is none (A*).
 
         Args:
             first: places where the path can start, with their distances from the start in metres.
-            last: places where the path can end.
+            last: places where the path can end, all near the goal.
             goal: position of the goal, in metres.
-            blocked: places that the path must avoid, as from `blocked_places`.
+            blocked: bytes for all places, as from `blocked_places`: the path avoids those with 1.
             budget: limit of the search.
 
         Raises:
@@ -171,7 +167,7 @@ class Lattice:
         return self._low[0] + (column - 0.5) * _SPACING, self._low[1] + (row - 0.5) * _SPACING
 
     def _within(self, left: float, bottom: float, right: float, top: float) -> Iterator[int]:
-        """Yield the places in a rectangle, given in metres."""
+        """Yield the places in a rectangle in the map's frame, in metres."""
         columns = self._span(left - self._low[0], right - self._low[0], self._columns)
         for row in self._span(bottom - self._low[1], top - self._low[1], self._rows):
             for column in columns:
@@ -179,21 +175,21 @@ class Lattice:
 
     @staticmethod
     def _span(low: float, high: float, count: int) -> range:
-        """Return which of `count` columns or rows are between two coordinates in metres."""
+        """Return which of `count` columns or rows are between two distances from `_low` (m)."""
         return range(
             max(0, math.floor(low / _SPACING)), min(count, math.floor(high / _SPACING) + 1)
         )
 
 
 class Planner:
-    """Plans paths on one map with a clearance of `radius` (m)."""
+    """Plans paths on one map that keep `radius` metres away from walls."""
 
     def __init__(self, area: Map, radius: float) -> None:
         self._map = area
         self._radius = radius
         self._lattice = Lattice(area)
         self._blocked = self._lattice.blocked_places(area, radius)
-        """1 for each place of the lattice that is too close to a wall of the map, else 0."""
+        """For each place of the lattice: 1 if a wall or cell of the map is too close, else 0."""
 
     def plan(
         self,
@@ -208,7 +204,7 @@ class Planner:
             start: start of the path, in metres. It is not among the corners.
             goal: end of the path, in metres. It is the last corner.
             obstacles: walls to avoid in addition to the walls of the map.
-            budget: limit of the computation. The legs of one path share it.
+            budget: limit of the search, shared by the legs of one path; None for a new one.
 
         Raises:
             SearchBudgetError: the budget was used up before a path was found.
@@ -257,7 +253,7 @@ class Planner:
         return path
 
     def _start_clearance(self, start: Point, walls: Sequence[Wall]) -> float:
-        """Return the clearance in metres that a path can keep at its start."""
+        """Return the clearance in metres that a path can keep at its start, at most `_radius`."""
         room = min((wall.distance(*start) for wall in walls), default=self._radius)
         if self._map.grid:
             room = min(room, self._map.grid.line_room(start, start))
@@ -268,23 +264,23 @@ class Planner:
         left, right = min(start[0], end[0]) - radius, max(start[0], end[0]) + radius
         bottom, top = min(start[1], end[1]) - radius, max(start[1], end[1]) + radius
         for wall in walls:
-            # Compare coordinates first: this excludes most walls quickly.
-            if (
+            # This excludes most walls quickly.
+            may_be_near = (
                 (wall.x1 > left or wall.x2 > left)
                 and (wall.x1 < right or wall.x2 < right)
                 and (wall.y1 > bottom or wall.y2 > bottom)
                 and (wall.y1 < top or wall.y2 < top)
-                and wall.line_distance(start, end) < radius
-            ):
+            )
+            if may_be_near and wall.line_distance(start, end) < radius:
                 return False
         return self._map.grid is None or self._map.grid.line_room(start, end) >= radius
 
 
 def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
-    """Return a number from `good` to `last` that fits, usually the largest.
+    """Return the largest number from `good` to `last` that fits, if all below it fit too.
 
-    The number is the largest if all fitting numbers are contiguous. The search doubles its steps
-    until a number does not fit, then bisects. `good` must fit.
+    Otherwise return another number that fits. `good` must fit. The search doubles its steps until a
+    number does not fit, then bisects.
     """
     step = 1
     bad = last + 1
@@ -306,5 +302,5 @@ def _furthest(good: int, last: int, fits: Callable[[int], bool]) -> int:
 
 @lru_cache(maxsize=16)
 def planner(area: Map, radius: float) -> Planner:
-    """Return the planner for a map and a clearance of `radius` (m), created once."""
+    """Return the planner for a map and a clearance of `radius` (m), from a cache."""
     return Planner(area, radius)
