@@ -178,6 +178,14 @@ def test_scene_comes_to_a_second_robot(run: Run, wire: JsonClient, second: Simul
     there.close()
 
 
+def test_map_in_several_scenes_is_not_chosen_by_its_name(run: Run, wire: JsonClient) -> None:
+    assert send_files(wire, "lab", {"x.yaml": NAV2, "floor.png": floor_png()})["ok"]
+    assert send_files(wire, "hall", {"x.yaml": NAV2, "floor.png": floor_png()})["ok"]
+    status, _, err = run("download", "x")
+    assert status == 1
+    assert err.endswith("several scenes have map x: name one of them: lab, hall\n"), err
+
+
 def test_folder_of_a_real_robot_passes_through_two_robots_unchanged(run, second, tmp_path):
     real = Path(shutil.copytree(FOLDER / "real_scene", tmp_path / "real"))
     (real / "deep" / "er").mkdir(parents=True)

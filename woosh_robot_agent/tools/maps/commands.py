@@ -305,9 +305,11 @@ def _scene_of(name: str, known: dict[str, list[str]]) -> str:
     if name in known:
         return name
     found = [scene for scene, maps in known.items() if name in maps]
-    if len(found) != 1:
-        what = "several scenes have" if found else "the robot has no scene and no"
-        raise MapsError(f"{what} map {name}: its scenes are {', '.join(known) or 'none'}")
+    if not found:
+        scenes = ", ".join(known) or "none"
+        raise MapsError(f"the robot has no scene and no map {name}: its scenes are {scenes}")
+    if len(found) > 1:
+        raise MapsError(f"several scenes have map {name}: name one of them: {', '.join(found)}")
     return found[0]
 
 
