@@ -41,7 +41,7 @@ class HeaderIds:
     without `close`, the ids continue after the reserved block.
 
     Args:
-        first: next id of each topic.
+        first: first id to take, by topic; 0 if missing.
         save: saves the id of each topic with which to continue after a restart; called when ids are
             reserved, before they are used. By default, nothing is saved.
     """
@@ -99,7 +99,10 @@ class Schedule:
         self.call_within(self._shortest)
 
     def call_within(self, interval: float) -> None:
-        """Call the function as soon as `interval` seconds since the last call are over."""
+        """Call the function as soon as `interval` seconds since the last call are over, or earlier.
+
+        It is called earlier if an earlier call is scheduled already.
+        """
         loop = asyncio.get_running_loop()
         due = max(loop.time(), self._last + interval)
         if self._timer is None or self._timer.when() > due:
@@ -174,7 +177,7 @@ class Reports:
     # The vehicle at the broker
 
     def open(self, identity: Identity, interface: str, header_ids: HeaderIds) -> None:
-        """Set the topics and the headers; to be called before `use`.
+        """Set the topics and the headers. Call it before `topic` and `use`.
 
         Args:
             identity: manufacturer and serial number.
@@ -214,7 +217,7 @@ class Reports:
         return text == self._will.payload or text in self._own_connections
 
     async def close(self, timeout: float) -> None:
-        """Publish OFFLINE as the last message.
+        """Publish OFFLINE as the last message; without a connection, publish nothing.
 
         Args:
             timeout: maximum wait for the broker, in seconds.

@@ -41,7 +41,8 @@ def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
     """Read the robots of a file.
 
     Args:
-        default: options of the link that the file does not set; the address is not used.
+        path: a parameter file of the agent.
+        default: options for links without options in the file; its address is not used.
 
     Raises:
         ValueError: the file cannot be read, or a robot in it is invalid; the text names the file.

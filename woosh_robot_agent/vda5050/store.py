@@ -104,8 +104,9 @@ class Record:
         task_id: id of the robot's task that drives the current leg (part of an order without a
             stop); 0 without such a task.
         known_ids: ids of the last instant actions.
-        last_motion: id of the last instant action that moves something; empty before the first. It
-            is only stored so that such an action is saved at once, together with `known_ids`.
+        last_motion: id of the last instant action that moves something; empty if there was none
+            since the start of the program. It is only stored so that such an action is saved at
+            once, together with `known_ids`.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
     """
@@ -271,7 +272,7 @@ class Store:
         self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
 
     def _load(self, path: Path) -> tuple[Record, VehicleError | None]:
-        """Read the file, and rename a damaged one; see `open` for what is returned."""
+        """Read the file, and rename a damaged one; return the same as `open`."""
         try:
             self._record = self._read(path)
         except FileNotFoundError:

@@ -206,10 +206,13 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     """Let the robot use a map, unless it already uses this map.
 
     Args:
+        run: the action.
+        name: name of the map.
         version: version that the map must have; None for any version.
 
     Raises:
-        ActionFailedError: there is no such map, or the robot refused it.
+        ActionFailedError: there is no such map or several, the robot drives along an order, or it
+            refused the map or does not report that it uses it.
         LinkError: the robot could not be reached.
     """
     execution = run.execution
@@ -270,6 +273,7 @@ async def _init_position(run: Run) -> None:
         execution.order.set_last_node(given["lastNodeId"])
 
 
+# the same action has another name in version 3
 init_position, initialize_position = (
     vehicle_action(
         name,
@@ -359,10 +363,7 @@ async def _download(run: Run) -> None:
 
 
 def _find_one(execution: Execution, name: str, version: str | None) -> StoredMap:
-    """Return the map with a name and version.
-
-    Args:
-        version: version that the map must have; None for any version.
+    """Return the map with a name, and with a version if it is not None.
 
     Raises:
         ActionFailedError: there is no such map, or several scenes have one.

@@ -51,11 +51,7 @@ ACTIONS: Mapping[str, VehicleAction] = {
 
 
 def action_types(version: Version, *, can_log: bool = False) -> ActionTypes:
-    """Return the actions of a vehicle, by name.
-
-    Args:
-        can_log: True if the vehicle has a folder for log reports.
-    """
+    """Return the actions of a vehicle, by name; logReport only if `can_log`."""
     return {
         name: action.type
         for name, action in ACTIONS.items()

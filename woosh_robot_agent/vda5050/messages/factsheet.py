@@ -1,4 +1,4 @@
-"""The factsheet: properties and capabilities of a vehicle, with the check of actions."""
+"""The factsheet: properties and capabilities of a vehicle. Checks actions against them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ class Objection:
     """A reason why the vehicle cannot perform an action.
 
     Attributes:
-        parameter: key of the wrong or missing parameter; empty for another reason.
+        reason: the reason, for people.
+        parameter: key of the unknown, wrong or missing parameter; empty for another reason.
     """
 
     reason: str
@@ -90,6 +91,7 @@ class ParameterType:
     """A parameter of an action.
 
     Attributes:
+        key: name of the parameter.
         type: data type: FLOAT, STRING or BOOL.
         optional: True if the parameter may be left out.
         valid: returns True for a valid value of the data type; None if all values are valid.
@@ -135,6 +137,8 @@ class ActionType:
 
     Attributes:
         name: name of the action, e.g. `pick`.
+        scopes: where the action may be requested.
+        description: what the action does.
         result: meaning of the result; empty for an action without a result.
         blocking: blocking types that the action may have on nodes and edges.
         pausable: True if the action moves something, so that it is paused with the vehicle.
@@ -151,7 +155,7 @@ class ActionType:
     repeatable: bool = False
 
     def find_objection(self, action: Action, scope: Scope) -> Objection | None:
-        """Return why an action of this type is impossible in a place; None if it is possible."""
+        """Return why an action of this type is impossible in a scope; None if it is possible."""
         if scope not in self.scopes:
             places = joined(_OR, sorted(_SCOPES[each] for each in self.scopes))
             return Objection(_WRONG_SCOPE(action=self.name, place=_SCOPES[scope], places=places))
@@ -214,7 +218,7 @@ class Factsheet:
     Attributes:
         max_load: maximum mass of the load.
         limits: values that the robot does not report.
-        outline: corners of the outline in the vehicle's frame.
+        outline: corners of the outline, as x and y in the vehicle's frame; empty if unknown.
         optional_parameters: optional fields that the vehicle obeys, e.g. `order.edges.maxSpeed`,
             with a description, which may be empty.
         versions: versions of the vehicle's software, by name.

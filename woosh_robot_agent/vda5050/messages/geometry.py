@@ -101,14 +101,17 @@ def _length(points: list[Point]) -> float:
 
 
 def _points_of_span(trajectory: Trajectory, span: int, count: int) -> list[Point]:
-    """Return the start of a span of the knots and `count` points after it."""
+    """Return the points at the start and end of a span of the knots, and `count` - 1 between."""
     start, end = trajectory.knots[span : span + 2]
     parameters = [start + (end - start) * step / count for step in range(count)]
     return [_point(trajectory, span, each) for each in (*parameters, end)]
 
 
 def _point(trajectory: Trajectory, span: int, parameter: float) -> Point:
-    """Return the point of a curve at a parameter in a span of its knots, by de Boor's algorithm."""
+    """Return the point of a curve at a parameter, which is in the span after knot number `span`.
+
+    This is de Boor's algorithm.
+    """
     degree, knots = int(trajectory.degree), trajectory.knots
     control = trajectory.points[span - degree : span + 1]
     # in homogeneous coordinates a rational curve is an ordinary one
@@ -136,7 +139,8 @@ def path_ahead(path: Sequence[Point], here: Point) -> list[Point]:
     """Return the rest of a path from the position of the vehicle, simplified.
 
     Returns:
-        At least two points, the first of which is the position; empty if there is no path ahead.
+        At least two points, the first of which is the position; empty if there is no path ahead, or
+        if the vehicle is farther than `_MAX_OFFSET` from the path.
     """
     if not path:
         return []

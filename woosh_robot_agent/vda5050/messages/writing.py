@@ -93,11 +93,7 @@ def state_message(version: Version, state: VehicleState) -> Fields:
 
 
 def visualization_message(version: Version, robot: RobotStatus, state_id: int) -> Fields:
-    """Return a `visualization` message.
-
-    Args:
-        state_id: header id of the last `state` message.
-    """
+    """Return a `visualization` message; `state_id` is the header id of the last `state` message."""
     reference = {"referenceStateHeaderId": state_id} if version.is_3 else {}
     return reference | _renamed(_motion(robot), version.names)
 
@@ -175,11 +171,7 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
 
 
 def _renamed(message: Fields, names: Mapping[str, str]) -> Fields:
-    """Return a message with its fields renamed, at any depth.
-
-    Args:
-        names: new names, by the old names.
-    """
+    """Return a message with its fields renamed, at any depth; `names` has old and new names."""
 
     def renamed(value: Any) -> Any:
         if isinstance(value, dict):
@@ -272,7 +264,11 @@ def _motion(robot: RobotStatus) -> Fields:
 
 
 def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
-    """Return the errors of the state as the version demands, e.g. with LOCALIZATION_ERROR in 3."""
+    """Return the errors of the state.
+
+    In version 3, LOCALIZATION_ERROR is added for an unknown position, and NOT_AVAILABLE ends with
+    its cause.
+    """
     if not version.is_3:
         return state.errors
     place = state.robot.position

@@ -74,7 +74,7 @@ _MODES = {
 
 
 def robot_status(info: RobotInfo) -> RobotStatus:
-    """Return the state of a robot."""
+    """Return the state of a robot, without its maps and path."""
     return RobotStatus(
         driving=drives(info),
         mode=_operating_mode(info),
@@ -122,7 +122,7 @@ def position(info: RobotInfo) -> Position | None:
 
 
 def velocity(info: RobotInfo) -> Velocity | None:
-    """Return the velocity of the robot; None if it does not report a velocity."""
+    """Return the velocity of the robot; None if it does not report a finite velocity."""
     motion = info.pose_speed.twist
     if not info.pose_speed.HasField("twist"):
         return None
