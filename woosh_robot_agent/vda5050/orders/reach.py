@@ -165,25 +165,9 @@ class Route:
                 leg.
             passes: True if passed nodes count as reached; False while the order is cancelled.
         """
-        last, was_in_place = self.position, self.is_in_place
+        last, was_in_place, leg = self.position, self.is_in_place, self.leg
         self.position = position
-        start = None if self._is_unconfirmed else last
-        step = estimated_step = _distance(start, position)
-        if step > _MAX_STEP:  # a jump, or `start` is unknown
-            start, step, estimated_step = None, 0.0, 0.0
-        leg = self.leg
-        if self._is_unconfirmed and leg is not None and confirmed:
-            # first position of a drive that went on without a link: count at least the straight
-            # line as driven, perhaps a detour
-            gap = _distance(self._position_at_loss, position)
-            step = gap if math.isfinite(gap) else 0.0
-            estimated_step = step * _UNSEEN_DETOUR
-            self._is_unconfirmed = False
-        # a repeated report keeps the last move, unless the link was lost meanwhile
-        if position != last or start is None:
-            self._move_start = start
-        self._estimated_way += estimated_step
-        self.driven = None if self.driven is None else self.driven + step
+        self._measure_move(last, position, confirmed=confirmed)
         drives_leg = leg is not None and not self._is_unconfirmed
         # somebody may switch the map without moving the robot
         is_same_place = (
@@ -202,6 +186,27 @@ class Route:
         for _ in range(self._count_passed(position, tuple(self.edges), before_goal)):
             self._reach(passing=True)
             self.enter_edge()
+
+    def _measure_move(self, last: Position | None, now: Position, *, confirmed: bool) -> None:
+        """Update the distance driven, and the start of the last move.
+
+        The first position of a confirmed drive ends `_is_unconfirmed`.
+        """
+        start = None if self._is_unconfirmed else last
+        step = estimated_step = _distance(start, now)
+        if step > _MAX_STEP:  # a jump, or `start` is unknown
+            start, step, estimated_step = None, 0.0, 0.0
+        if self._is_unconfirmed and self.leg is not None and confirmed:
+            # the way driven without a link: at least the straight line, perhaps a detour
+            gap = _distance(self._position_at_loss, now)
+            step = gap if math.isfinite(gap) else 0.0
+            estimated_step = step * _UNSEEN_DETOUR
+            self._is_unconfirmed = False
+        # a repeated report keeps the last move, unless the link was lost meanwhile
+        if now != last or start is None:
+            self._move_start = start
+        self._estimated_way += estimated_step
+        self.driven = None if self.driven is None else self.driven + step
 
     def arrive(self) -> None:
         """Reach the goal of the leg: its drive has ended without a failure."""
