@@ -7,15 +7,13 @@ import fcntl
 import json
 import logging
 import os
-import types
-import typing
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass, replace
-from enum import Enum
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 from urllib.parse import quote
 
+from woosh_robot_agent.data_files import structure
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.sentences import THEN, Sentence, said_by
 from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
@@ -31,58 +29,6 @@ _INVALID_ORDER = Sentence("vda.fileOrder", "the parts of its order do not fit to
 _DAMAGED = Sentence(
     "vda.fileDamaged", "the last order is unknown, because {path} was damaged ({error})"
 )
-
-
-def to_json(value: Any) -> bytes:
-    """Return an instance of a dataclass as JSON, with enumeration members as their values."""
-    plain = asdict(value)
-    return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
-
-
-def from_plain(kind: Any, data: Any) -> Any:
-    """Return the value of a type, e.g. of a dataclass, for data that `to_json` has written.
-
-    Unknown fields of a dataclass are ignored, and missing fields take their defaults.
-
-    Raises:
-        ValueError: the data does not fit the type.
-    """
-    if kind is Any:
-        return data
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if origin in (types.UnionType, typing.Union):
-        # the only unions in the file have the form `X | None`
-        inner = next(each for each in arguments if each is not types.NoneType)
-        return None if data is None else from_plain(inner, data)
-    if origin is tuple:
-        return tuple(from_plain(arguments[0], each) for each in _checked(list, data))
-    if origin is Mapping:
-        return {key: from_plain(arguments[1], each) for key, each in _checked(dict, data).items()}
-    if is_dataclass(kind):
-        return _dataclass(kind, _checked(dict, data))
-    if issubclass(kind, Enum):
-        return kind(data)
-    if kind is float and type(data) is int:
-        return float(data)
-    return _checked(kind, data)
-
-
-def _dataclass(kind: Any, data: dict[str, Any]) -> Any:
-    hints = typing.get_type_hints(kind)
-    values = {}
-    for each in fields(kind):
-        if each.name in data:
-            values[each.name] = from_plain(hints[each.name], data[each.name])
-        elif each.default is MISSING and each.default_factory is MISSING:
-            raise ValueError(f"{kind.__name__} has no {each.name}")
-    return kind(**values)
-
-
-def _checked(kind: Any, data: Any) -> Any:
-    if type(data) is not kind:
-        raise ValueError(f"a {kind.__name__} was expected, not {type(data).__name__}")
-    return data
-
 
 _LOG = logging.getLogger(__name__)
 _FORMAT = 1
@@ -286,7 +232,7 @@ class Store:
             data = file.read(_MAX_SIZE + 1)
         if len(data) > _MAX_SIZE:
             raise ValueError(_TOO_LARGE(most=_MAX_SIZE))
-        record: Record = from_plain(Record, json.loads(data))
+        record = structure(Record, json.loads(data), "record", known_only=False, own=True)
         if record.format != _FORMAT:
             raise ValueError(_OTHER_FORMAT(found=record.format, own=_FORMAT))
         order = record.order
@@ -304,6 +250,12 @@ class Store:
         return warning(
             ErrorType.STATE_FILE, reason, "check where the robot stands, and send a new order"
         )
+
+
+def to_json(value: Any) -> bytes:
+    """Return an instance of a dataclass as JSON, with enumeration members as their values."""
+    plain = asdict(value)
+    return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
 
 
 def replace_file(path: Path, content: bytes) -> None:
