@@ -136,8 +136,7 @@ class VehicleConfig:
         serial_number: serial number in the topics; empty for the one that the robot reports.
         interface: first level of the topics; a text with slashes gives several levels.
         version: version of VDA 5050.
-        limits: factsheet values that the robot does not report, and the intervals and content of
-            state messages.
+        limits: intervals and content of the messages.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
         state_folder: folder of the state file; None to keep nothing over a restart.
         timing: intervals and timeouts of requests to the robot.

@@ -15,21 +15,6 @@ STANDSTILL = frozenset({BlockingType.SOFT, BlockingType.HARD})
 """Blocking types for actions that need a standing vehicle."""
 
 
-class Kinematics(Enum):
-    """Kinematics of a vehicle."""
-
-    DIFFERENTIAL = "DIFF"
-    OMNIDIRECTIONAL = "OMNI"
-
-
-class VehicleClass(Enum):
-    """Class of a vehicle: its purpose."""
-
-    CARRIER = "CARRIER"
-    CONVEYOR = "CONVEYOR"
-    TUGGER = "TUGGER"
-
-
 class Scope(Enum):
     """Places where an action may be requested."""
 
@@ -189,11 +174,9 @@ def find_objection(types: ActionTypes, action: Action, scope: Scope) -> Objectio
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits in the factsheet that the robot does not report, and options of the state messages.
+    """Intervals and content of the messages.
 
     Attributes:
-        max_speed: maximum speed, in m/s.
-        max_acceleration: maximum acceleration, in m/s².
         min_state_interval: minimum time between two states, in seconds.
         state_interval: maximum time between two states, in seconds.
         visualization_interval: time between two visualizations while the robot moves, in seconds.
@@ -202,8 +185,6 @@ class Limits:
         maps_in_state: True if the state lists the maps on the robot.
     """
 
-    max_speed: float = 1.0
-    max_acceleration: float = 0.5
     min_state_interval: float = 0.1
     state_interval: float = 30.0
     visualization_interval: float = 1.0
@@ -216,8 +197,10 @@ class Factsheet:
     """Properties and capabilities of a vehicle. Lengths are in metres, masses in kilograms.
 
     Attributes:
+        kinematics: `agvKinematic` in version 2.1: DIFF or OMNI.
+        vehicle_class: `agvClass`, e.g. CARRIER.
         max_load: maximum mass of the load.
-        limits: values that the robot does not report.
+        limits: intervals of the messages.
         outline: corners of the outline, as x and y in the vehicle's frame; empty if unknown.
         optional_parameters: optional fields that the vehicle obeys, e.g. `order.edges.maxSpeed`,
             with a description, which may be empty.
@@ -226,8 +209,8 @@ class Factsheet:
 
     series: str
     description: str
-    kinematics: Kinematics
-    vehicle_class: VehicleClass
+    kinematics: str
+    vehicle_class: str
     max_load: float
     length: float
     width: float

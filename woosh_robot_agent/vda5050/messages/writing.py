@@ -38,6 +38,10 @@ from woosh_robot_agent.vda5050.messages.versions import Version
 
 Fields = dict[str, Any]
 """A message, or a part of one, as it is written in JSON."""
+_MAX_SPEED = 1.0
+"""Maximum speed in the factsheet, in m/s; the robot does not report its own."""
+_MAX_ACCELERATION = 0.5
+"""Maximum acceleration and deceleration in the factsheet, in m/s², for the same reason."""
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
 
@@ -105,7 +109,7 @@ def connection_message(version: Version, state: ConnectionState) -> Fields:
 
 def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
     """Return a `factsheet` message."""
-    limits, kinematics = factsheet.limits, version.value(factsheet.kinematics.value)
+    limits, kinematics = factsheet.limits, version.value(factsheet.kinematics)
     outline = [{"x": x, "y": y} for x, y in factsheet.outline]
     message: Fields = {
         "typeSpecification": _without_empty(
@@ -113,7 +117,7 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
                 "seriesName": factsheet.series,
                 "seriesDescription": factsheet.description,
                 "agvKinematic": kinematics,
-                "agvClass": factsheet.vehicle_class.value,
+                "agvClass": factsheet.vehicle_class,
                 "maxLoadMass": factsheet.max_load,
                 "localizationTypes": ["NATURAL"],
                 "navigationTypes": [version.value("AUTONOMOUS"), "VIRTUAL_LINE_GUIDED"],
@@ -121,9 +125,9 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         ),
         "physicalParameters": {
             "speedMin": 0.0,
-            "speedMax": limits.max_speed,
-            "accelerationMax": limits.max_acceleration,
-            "decelerationMax": limits.max_acceleration,
+            "speedMax": _MAX_SPEED,
+            "accelerationMax": _MAX_ACCELERATION,
+            "decelerationMax": _MAX_ACCELERATION,
             "heightMax": factsheet.height,
             "width": factsheet.width,
             "length": factsheet.length,
