@@ -43,7 +43,7 @@ class HeaderIds:
     Args:
         first: first id to take, by topic; 0 if missing.
         save: saves the id of each topic with which to continue after a restart; called when ids are
-            reserved, before they are used. By default, nothing is saved.
+            reserved, before they are used, and by `close`. By default, nothing is saved.
     """
 
     def __init__(
@@ -76,12 +76,12 @@ class HeaderIds:
 
 
 class Schedule:
-    """Calls a function soon after each change, and at regular intervals without changes.
+    """Calls a function soon after each change, and regularly without changes.
 
     Args:
         send: the function.
-        shortest: minimum time between two calls, in seconds.
-        longest: maximum time between two calls, in seconds; infinite to call on changes only.
+        shortest: minimum time from a call to the next one after a change, in seconds.
+        longest: time from a call to the next one without a change, in seconds; infinite for none.
     """
 
     def __init__(

@@ -237,11 +237,7 @@ class Session:
         self._task.add_done_callback(self._ended)
 
     def save(self, record: Record) -> None:
-        """Save the state that must survive a restart.
-
-        Data that prevent a second execution, e.g. ids of actions, are on the disk on return; other
-        data are saved soon.
-        """
+        """Save the state that must survive a restart; see `Store.save` for when."""
         if self.is_open:  # before, the record of the last run is not known
             self._store.save(record)
 

@@ -46,6 +46,7 @@ class Record:
     """Content of the state file.
 
     Attributes:
+        robot_id: id that the robot reports.
         serial_number: serial number that the robot reports.
         task_id: id of the robot's task that drives the current leg (part of an order without a
             stop); 0 without such a task.
@@ -143,7 +144,7 @@ class Store:
 
         Data that prevent a second execution, e.g. the id of an order, are on the disk on return. A
         record that differs only in the progress of the order and of the instant actions is saved
-        soon: writing a file takes milliseconds, in which nothing else happens.
+        within `_SAVE_WITHIN`: writing a file takes milliseconds, in which nothing else happens.
 
         If saving fails, the file is removed, because an old record could make the vehicle repeat
         what it has done.

@@ -103,6 +103,7 @@ class OrderActions:
         return self._states.keys() - {action.id for part in parts for action in part.actions}
 
     def clear(self) -> None:
+        """Forget all actions; they must have ended."""
         self._states.clear()
         self._edge_actions = ()
 
