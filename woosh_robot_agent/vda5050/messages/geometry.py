@@ -32,6 +32,8 @@ _MAX_POINTS = 100
 """Approximate maximum number of points along a curve; on a longer curve, they are farther apart."""
 _SAMPLES = 8
 """Number of points in each knot span by which the length of the curve is estimated."""
+_MIN_WEIGHT = 1e-9
+"""Lowest permitted weight; a sum of much smaller ones would be rounded to 0."""
 _NOT_FINITE = Sentence("vda.curve.notFinite", "a number is not finite")
 _DEGREE = Sentence("vda.curve.degree", "its degree is not a positive integer: {degree}")
 _HIGH_DEGREE = Sentence("vda.curve.highDegree", "its degree is above {most}: {degree}")
@@ -46,8 +48,8 @@ _KNOTS = Sentence(
 )
 _DECREASE = Sentence("vda.curve.decrease", "its knots decrease")
 _EQUAL = Sentence("vda.curve.equal", "its knots are all equal")
-_WEIGHT = Sentence("vda.curve.weight", "a weight is not positive")
-_NO_LENGTH = Sentence("vda.curve.noLength", "its control points are all the same")
+_WEIGHT = Sentence("vda.curve.weight", "a weight is below {least}")
+_NO_LENGTH = Sentence("vda.curve.noLength", "it has no length")
 
 
 def curve_defect(trajectory: Trajectory) -> str:
@@ -72,9 +74,9 @@ def curve_defect(trajectory: Trajectory) -> str:
         return _DECREASE()
     if knots[int(degree)] == knots[len(points)]:
         return _EQUAL()
-    if any(point.weight <= 0 for point in points):
-        return _WEIGHT()
-    if len({(point.x, point.y) for point in points}) == 1:
+    if any(point.weight < _MIN_WEIGHT for point in points):
+        return _WEIGHT(least=f"{_MIN_WEIGHT:g}")
+    if len(set(curve_points(trajectory))) == 1:  # also if its other control points have no effect
         return _NO_LENGTH()
     return ""
 
