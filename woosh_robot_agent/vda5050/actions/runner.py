@@ -116,6 +116,8 @@ class ActionRunner:
         for action in list(islice(self._waiting.values(), count)):
             del self._waiting[action.id]
             active[action.id] = action
+            # saved before it begins: an action that is WAITING in the state file has not begun
+            execution.action_changed(action.id, ActionStatus.INITIALIZING)
             self._start(action)
 
     def _start(self, action: Action) -> None:
