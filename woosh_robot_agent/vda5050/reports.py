@@ -245,6 +245,7 @@ class Reports:
 
     def announce(self) -> None:
         """Publish ONLINE and the factsheet, and soon the state."""
+        self._skip_last_will()  # if this is not the first ONLINE of the connection
         self._publish_connection(ConnectionState.ONLINE)
         self.publish_factsheet()
         self.changed()
@@ -295,6 +296,6 @@ class Reports:
         return Publication(self.topic(topic), payload, *PUBLISHED[topic])
 
     def _skip_last_will(self) -> None:
-        """Skip the header id of the last will: the broker may have published it."""
+        """Skip the header id of the last will: the broker may have published it, or still will."""
         if self._header_ids.peek(Topic.CONNECTION.value) == self._will_id:
             self._header_ids.next(Topic.CONNECTION.value)
