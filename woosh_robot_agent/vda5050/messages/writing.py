@@ -278,9 +278,9 @@ def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
     place = state.robot.position
     if place is not None and not place.initialised:
         return (*state.errors, _NOT_LOCALIZED)
-    if state.robot.mode is not OperatingMode.AUTOMATIC:
+    if place is None or state.robot.mode is not OperatingMode.AUTOMATIC:
         return state.errors
-    # the mode for which an order was rejected has ended, and so has the error
+    # the mode or position for which an order was rejected has changed, and so its error has ended
     return [each for each in state.errors if each.type != ErrorType.NOT_AVAILABLE]
 
 
