@@ -92,6 +92,7 @@ def test_a_wrong_file_is_refused_with_its_reason(tmp_path: Path, text: str, reas
         (["--broker", "mqtt://host"], "either --ip or --robots"),
         (["--broker", "mqtt://host", "--ip", "a", "--robots", "f"], "either --ip or --robots"),
         (["--broker", "http://me:secret@host", "--ip", "a"], "'http://...@host'"),
+        (["--broker", "mqtt://me:sec#ret@host", "--ip", "a"], "'mqtt://...@host'"),
         (
             ["--broker", "mqtt://host", "--ip", "a", "--serial-number", "a/b"],
             "the serial number is a part of the topics and cannot have /: 'a/b'",

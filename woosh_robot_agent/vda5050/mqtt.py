@@ -86,7 +86,7 @@ class BrokerConfig:
         shown = re.sub("//.*@", "//...@", url)  # a password must not get into a log
         if parts.scheme not in _DEFAULT_PORTS:
             raise ValueError(f"the URL of a broker begins with mqtt:// or mqtts://: {shown!r}")
-        if not parts.hostname or parts.path.strip("/") or parts.query:
+        if not parts.hostname or parts.path.strip("/") or parts.query or parts.fragment:
             raise ValueError(f"the URL of a broker has the form mqtt://HOST:PORT: {shown!r}")
         return cls(
             host=parts.hostname,
