@@ -170,7 +170,7 @@ class Execution:
     @property
     def _is_driven_otherwise(self) -> bool:
         """True if something other than the order and the vehicle's actions drives the robot."""
-        if self.order.driving or self.order.acting:
+        if self.order.driving:
             return False
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
