@@ -143,7 +143,9 @@ NotNegative = Annotated[float, Between(0)]
 """A number of at least 0."""
 
 
-def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True) -> T:
+def structure(
+    kind: type[T], value: Any, where: str, *, known_only: bool = True, own: bool = False
+) -> T:
     """Return plain data as an object of a type, like `cattrs.structure`.
 
     Args:
@@ -151,25 +153,28 @@ def structure(kind: type[T], value: Any, where: str, *, known_only: bool = True)
         value: the data, as YAML or JSON loads them.
         where: name of the file, and the path of the value in it, for errors: `FILE: a.b[2]`.
         known_only: True to refuse keys that no field has, False to ignore them.
+        own: True for a file that no person writes: it may have empty texts, and any number of
+            values.
 
     Raises:
         DataFileError: the data do not fit the type.
     """
-    return _Reader(known_only).read(kind, value, where)  # type: ignore[no-any-return]
+    return _Reader(known_only, own).read(kind, value, where)  # type: ignore[no-any-return]
 
 
 class _Reader:
     """Implementation of `structure`."""
 
-    def __init__(self, known_only: bool) -> None:
+    def __init__(self, known_only: bool, own: bool) -> None:
         self._known_only = known_only
+        self._own = own
         self._count = 0
         """Number of values read so far."""
 
     def read(self, kind: Any, value: Any, where: str) -> Any:
         """Return plain data as an object of the type `kind`."""
         self._count += 1
-        if self._count > _MAX_VALUES:
+        if self._count > _MAX_VALUES and not self._own:
             raise DataFileError(f"{where}: more than {_MAX_VALUES} values; use fewer aliases (*)")
         origin, arguments = typing.get_origin(kind), typing.get_args(kind)
         if origin is Annotated:
@@ -203,7 +208,9 @@ class _Reader:
                 text = f"{reprlib.repr(value)} is not one of {', '.join(map(str, choices))}"
                 raise DataFileError(f"{where}: {text}")
             return value if arguments else kind(value)
-        return value if kind is Any else _scalar(kind, value, where)
+        if kind is Any or (kind is str and value == "" and self._own):
+            return value
+        return _scalar(kind, value, where)
 
     def _record(self, kind: Any, value: Any, where: str) -> Any:
         """Return a mapping as an object of a dataclass."""

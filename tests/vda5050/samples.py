@@ -5,11 +5,9 @@ from __future__ import annotations
 from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionType,
     Factsheet,
-    Kinematics,
     Limits,
     ParameterType,
     Scope,
-    VehicleClass,
 )
 from woosh_robot_agent.vda5050.messages.order import (
     ControlPoint,
@@ -67,8 +65,8 @@ STATE = VehicleState(ORDER, ROBOT, (warning(ErrorType.ORDER, "a reason", "a hint
 FACTSHEET = Factsheet(
     series="TR-300",
     description="a robot",
-    kinematics=Kinematics.DIFFERENTIAL,
-    vehicle_class=VehicleClass.CARRIER,
+    kinematics="DIFF",
+    vehicle_class="CARRIER",
     max_load=300.0,
     length=1.0,
     width=0.7,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import threading
+import time
 import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,7 +22,8 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
-from woosh_robot_agent.vda5050.actions.map_actions import MapFileError, fetch, unpack
+from woosh_robot_agent.vda5050.actions.map_actions import fetch, unpack
+from woosh_robot_agent.vda5050.messages.state import ActionFailedError
 
 SCENE = b"""
 name: shed
@@ -52,6 +54,8 @@ def server() -> Iterator[str]:
                 self.send_header("Location", "file:///etc/hostname")
                 self.end_headers()
                 return
+            if self.path == "/slow.zip":
+                time.sleep(1.0)
             self.send_response(200 if self.path == "/shed.zip" else 404)
             self.end_headers()
             self.wfile.write(SHED)
@@ -226,15 +230,17 @@ async def test_a_map_is_downloaded(site: Site, server: str) -> None:
     assert site.chassis.counts[full_name(Upload)] == 2
 
 
-def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:
-    with pytest.raises(MapFileError, match="cannot be fetched"):
-        fetch(f"{server}/away")
-    assert fetch(f"{server}/shed.zip", hashlib.md5(SHED).hexdigest().upper()) == SHED
+@aio
+async def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:
+    with pytest.raises(ActionFailedError, match="cannot be fetched"):
+        await fetch(f"{server}/away")
+    assert await fetch(f"{server}/shed.zip", hashlib.md5(SHED).hexdigest().upper()) == SHED
 
 
-def test_a_download_does_not_take_for_ever(server: str) -> None:
-    with pytest.raises(MapFileError, match="takes too long"):
-        fetch(f"{server}/shed.zip", max_duration=0.0)
+@aio
+async def test_a_download_does_not_take_for_ever(server: str) -> None:
+    with pytest.raises(ActionFailedError, match="takes too long"):
+        await fetch(f"{server}/slow.zip", max_duration=0.2)
 
 
 def test_only_usable_zip_files_are_unpacked() -> None:
@@ -247,7 +253,7 @@ def test_only_usable_zip_files_are_unpacked() -> None:
         (zipped(bomb=bytes(65 * 1024 * 1024)), "more than 67108864 bytes"),
         (zipped(**{"a/x": b"", "../a/x": b""}), "same name"),
     ):
-        with pytest.raises(MapFileError, match=reason):
+        with pytest.raises(ActionFailedError, match=reason):
             unpack(data)
     assert unpack(zipped(**{"../../x": b"1", "/etc/y": b"2"})) == {"x": b"1", "etc/y": b"2"}
     files = {"scene.json": b"{}", "hall/map.png": b"1"}

@@ -175,6 +175,18 @@ async def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect()
 
 
 @aio
+async def test_a_second_online_leaves_the_header_id_to_the_last_will() -> None:
+    reports, mqtt = reports_with(HeaderIds())
+    published = [reports.last_will()]
+    mqtt.connected = True
+    mqtt.publish = published.append  # type: ignore[method-assign]
+    reports.announce()
+    reports.announce()  # e.g. because a second connector has replaced the first one
+    ids = [json.loads(each.payload)["headerId"] for each in published]
+    assert len(set(ids)) == 3, ids
+
+
+@aio
 async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart() -> None:
     saved: dict[str, int] = {}
     ids = HeaderIds(saved, saved.update)

@@ -8,17 +8,20 @@ from pathlib import Path
 import pytest
 
 from tests.vda5050.orders import action, at, path, place
+from woosh_robot_agent.data_files import structure
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorType
 from woosh_robot_agent.vda5050.orders.legs import Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine, OrderMemory
 from woosh_robot_agent.vda5050.reports import HeaderIds
-from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError, from_plain, to_json
+from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError, to_json
 
 
 def restarted(machine: OrderMachine) -> OrderMachine:
     """Return a machine that has only what JSON has kept of the other one."""
-    memory = from_plain(OrderMemory, json.loads(to_json(machine.memory)))
+    memory = structure(
+        OrderMemory, json.loads(to_json(machine.memory)), "", known_only=False, own=True
+    )
     assert memory == machine.memory
     after = OrderMachine()
     after.restore(memory)
@@ -56,6 +59,18 @@ def test_an_action_that_ran_has_failed_and_stops_the_order_if_it_forbids_driving
     assert after.error.type == ErrorType.INTERRUPTED.value
 
 
+def test_an_action_that_only_waited_starts_after_the_restart() -> None:
+    machine = arrived()
+    machine.poll()
+    machine.action_changed("lift", ActionStatus.WAITING)  # e.g. for the end of another action
+    after = restarted(machine)
+    assert after.error is None
+    after.moved(at(1.0))
+    assert [each.action.id for each in after.poll() if isinstance(each, Perform)] == ["lift"]
+    after.action_changed("lift", ActionStatus.FINISHED)
+    assert after.error is None
+
+
 def test_a_triggered_action_starts_only_where_its_node_is() -> None:
     machine = arrived()
     after = restarted(machine)
@@ -82,7 +97,7 @@ def test_a_triggered_action_starts_only_where_its_node_is() -> None:
 )
 def test_data_of_another_kind_is_refused(data: object) -> None:
     with pytest.raises(ValueError):
-        from_plain(OrderMemory, data)
+        structure(OrderMemory, data, "", known_only=False, own=True)
 
 
 def test_no_header_id_is_used_twice_whenever_the_program_ends() -> None:

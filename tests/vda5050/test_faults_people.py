@@ -109,6 +109,24 @@ async def test_an_order_waits_for_the_step_of_somebody_else_beside_an_own_action
 
 
 @aio
+async def test_an_order_with_a_running_action_waits_for_the_task_of_somebody_else(
+    site: Site,
+) -> None:
+    lift = action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001)
+    first = node("a", 0, *START, allowedDeviationXY=1.0, actions=[lift])
+    second = node("b", 2, 6.0, -7.0)
+    async with site.online() as master, site.other_client() as gate:
+        master.order([first, second | {"released": False}])
+        await master.status("lift", "RUNNING")
+        set_speed(site.chassis, 0.1)
+        assert (await gate.request(task_to(4.3, -6.68))).ok
+        await master.wait_state(lambda state: state["driving"])
+        master.order([first, second], update=1)
+        await master.error("robotBusyError")
+        assert site.chassis.counts[EXEC] == 1
+
+
+@aio
 async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(site: Site) -> None:
     async with waiting_for(task_to(4.3, -6.68), site) as master:
         master.instant(action("cancelOrder", "cancel"))

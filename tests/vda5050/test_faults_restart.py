@@ -10,18 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from google.protobuf.message import Message
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import EXEC, Site, left_by_a_kill, task_to
-from tests.vda5050.master import START, Master, action, edge, node, nodes_left
+from tests.vda5050.master import START, Master, action, edge, error_types, node, nodes_left
 from tests.vda5050.programs import running_connector
+from woosh_robot_agent.link import Answer
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ChangeNavMode
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050 import store
+from woosh_robot_agent.vda5050.actions.performing import Run
 
 FILE = "uagv-Woosh-30001.json"
 FAST, NORMAL, HARDLY = 20.0, 1.0, 0.02
@@ -289,6 +292,46 @@ async def test_a_damaged_file_is_reported_and_put_aside(
         master.order([node("a", 0, *START)])
         await master.wait_state(lambda state: state["orderId"] == "order" and not state["errors"])
     assert saved(tmp_path)["order"]["order_id"] == "order"
+
+
+@aio
+async def test_an_action_that_waited_for_another_is_performed_after_a_kill(
+    site: Site, tmp_path: Path
+) -> None:
+    words = action("speak", "words", blocking="HARD", text="hello")
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path):
+            await master.online()
+            master.instant(action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001))
+            await master.status("lift", "RUNNING")
+            master.order([node("a", 0, *START, actions=[words])])
+            await eventually(lambda: saved(tmp_path)["order"]["actions"]["running"])
+            left = left_by_a_kill(tmp_path)
+        assert site.chassis.state.spoken == ()
+        master.received.clear()
+        async with site.vehicle(state_folder=left):
+            state = await master.status("words", "FINISHED")
+            assert "interruptedError" not in error_types(state)
+    assert site.chassis.state.spoken == ("hello",)
+
+
+@aio
+async def test_the_file_tells_that_an_action_begins_before_it_does(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
+    request = Run.request
+
+    async def request_and_note(run: Run, message: Message) -> Answer:
+        found.extend(each["status"] for each in saved(tmp_path)["order"]["actions"]["states"])
+        return await request(run, message)
+
+    monkeypatch.setattr(Run, "request", request_and_note)
+    words = action("speak", "words", blocking="HARD", text="hello")
+    async with site.online(state_folder=tmp_path) as master:
+        master.order([node("a", 0, *START, actions=[words])])
+        await master.status("words", "FINISHED")
+    assert found == ["INITIALIZING"]  # WAITING would be performed again after a kill
 
 
 @aio

@@ -60,9 +60,12 @@ def test_a_very_long_curve_has_few_points() -> None:
         (curve(1.5, [0, 0, 1, 1], (0, 0), (1, 0)), "positive integer: 1.5"),
         (curve(1, [0, 1, 0.5, 1], (0, 0), (1, 0)), "knots decrease"),
         (curve(1, [0, 0, 0, 0], (0, 0), (1, 0)), "all equal"),
-        (curve(1, [0, 0, 1, 1], (0, 0, 0.0), (1, 0)), "weight is not positive"),
+        (curve(1, [0, 0, 1, 1], (0, 0, 0.0), (1, 0)), "a weight is below"),
+        (curve(2, [0, 0, 0, 1, 1, 1], *[(x, 0, 5e-324) for x in range(3)]), "a weight is below"),
         (curve(1, [0, 0, 1, 1], (0, math.nan), (1, 0)), "not finite"),
-        (curve(1, [0, 0, 1, 1], (1, 2), (1, 2)), "all the same"),
+        (curve(1, [0, 0, 1, 1], (1, 2), (1, 2)), "has no length"),
+        # the knots leave only the first two points to the curve
+        (curve(1, [0, 0, 1, 1, 1], (1, 2), (1, 2), (3, 2)), "has no length"),
     ],
 )
 def test_a_defect_is_told(bad: Trajectory, reason: str) -> None:

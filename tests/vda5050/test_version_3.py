@@ -158,6 +158,12 @@ def test_the_rejection_for_the_operating_mode_ends_with_the_mode() -> None:
     ]
 
 
+def test_an_order_that_waits_for_a_position_says_so() -> None:
+    errors = (warning(ErrorType.NOT_AVAILABLE, "no position on a map"),)
+    nowhere = replace(STATE, errors=errors, robot=replace(ROBOT, position=None))
+    assert error_types(state_message(V3, nowhere)) == ["MOBILE_ROBOT_NOT_AVAILABLE"]
+
+
 def test_a_robot_without_position_is_a_fatal_error() -> None:
     place = Position(0.0, 0.0, math.pi, "hall", initialised=False)
     content = state_message(V3, replace(STATE, errors=(), robot=replace(ROBOT, position=place)))

@@ -9,7 +9,7 @@ from woosh_robot_agent.program import run_program
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the connector; see `program.main`. Without its libraries, tell how to install them."""
+    """Run the connector, see `program.main`; tell how to install a library that is missing."""
 
     def run() -> int:
         from woosh_robot_agent.vda5050.program import main

@@ -100,7 +100,7 @@ class Execution:
         tasks: executes the tasks of actions.
         active: running actions for which other actions may have to wait, by id.
         is_only_connector: False while another connector uses the topics of the vehicle.
-        order_error: why the last order was rejected or dropped; None if another order was accepted
+        order_error: why an order was rejected, cleared or lost; None if an order was accepted
             since.
         pause_wanted: True from a startPause to a stopPause.
     """
@@ -143,23 +143,23 @@ class Execution:
 
     @property
     def has_own_motion(self) -> bool:
-        """True while the robot moves, by its last report, and nothing else drives it."""
+        """True while the robot moves in automatic mode, and only the vehicle itself drives it."""
         is_moving = self.robot.is_driving and self.robot.is_automatic
         return is_moving and not self._is_driven_otherwise
 
     @property
     def is_driving(self) -> bool:
-        """True while the robot drives along the order, or still moves afterwards."""
+        """True during a drive of the order that is not paused, and while `has_own_motion`."""
         return (self.order.driving and not self.drive.stays_paused) or self.has_own_motion
 
     @property
     def may_act(self) -> bool:
-        """True if drives and actions may begin."""
+        """True if commands reach the robot, and no second connector may send commands, too."""
         return self.is_only_connector and self.link.ready
 
     @property
     def paused(self) -> bool:
-        """True while the vehicle is paused, by a startPause or by people at the robot."""
+        """True while the vehicle is paused: a startPause took effect, or people have paused it."""
         if self.pause_wanted:
             is_drive_paused = not self.order.driving or self.drive.stays_paused
             return is_drive_paused and self.calls.all_paused and self.tasks.all_paused
@@ -169,8 +169,8 @@ class Execution:
 
     @property
     def _is_driven_otherwise(self) -> bool:
-        """True if something other than the order and its actions drives the robot."""
-        if self.order.driving or self.order.acting:
+        """True if something other than the order and the vehicle's actions drives the robot."""
+        if self.order.driving:
             return False
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
@@ -185,12 +185,15 @@ class Execution:
 
     @property
     def _has_charging_task(self) -> bool:
-        """True while a task of startCharging goes on, which usually outlasts the action."""
+        """True while a charging task goes on that no running action of the order has started.
+
+        The task of startCharging usually outlasts the action.
+        """
         return bool(self.tasks.id) and not self.order.driving and not self.order.acting
 
     @property
     def _has_lost_position(self) -> bool:
-        """True if an order must be cleared, because the position is unknown."""
+        """True if the robot has lost its position, which clears an order in version 3."""
         place = self.robot.position
         if not self.version.is_3 or place is None or place.initialised:
             return False
@@ -250,12 +253,15 @@ class Execution:
     # Events
 
     def update_position(self) -> None:
-        """Give the position of the robot to the order, and forget a last node that it has left."""
+        """Give the position of the robot to the order.
+
+        In mode MANUAL, also forget the last node once the robot has left it.
+        """
         if (place := self.robot.position) is None:
             return
         if not self.active:
             self._link_was_lost = False
-        # without a link, people may have moved the robot unless the action itself moves it
+        # while the link was lost, people may have moved the robot, unless the action moves it
         is_acting = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
         self.order.moved(
             place, by_action=is_acting or self.tasks.confirmed, confirmed=self.drive.confirmed
@@ -264,12 +270,11 @@ class Execution:
             self.order.forget_left_node()
 
     def clear_forbidden_order(self) -> None:
-        """Clear the order if the mode or the lost position of the robot forbids an order."""
+        """Clear the order if the mode of the robot, or the loss of its position, forbids one."""
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
             self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
-            # forget the last node, but in mode MANUAL only once the robot has left it, which is
-            # done by `update_position`
+            # in mode MANUAL, `update_position` does this once the robot has left the node
             if mode is not OperatingMode.MANUAL and not self.order.busy:
                 self.order.set_last_node("")
         elif self._has_lost_position:
@@ -296,7 +301,7 @@ class Execution:
         self.link.changed()
 
     def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
-        """Report why an action failed; to be called before `action_changed`, which ends it."""
+        """Report why an action failed. Call it before `action_changed`, which ends the action."""
         if kind is ErrorType.INTERRUPTED:
             kind = ErrorType.ACTION  # of the action; the order reports its own error
             if need_standstill((action,)):
@@ -319,7 +324,11 @@ class Execution:
         self.drive.want(Control.CANCEL)
 
     def _drive_ended(self, reason: str) -> None:
-        """Take the end of the drive, with the reason of a failure; empty after a success."""
+        """Handle the end of the drive.
+
+        Args:
+            reason: why the drive failed; empty after a success.
+        """
         if reason == UNSENT:
             self.order.drive_unsent()
         else:

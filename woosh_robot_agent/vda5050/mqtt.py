@@ -86,7 +86,7 @@ class BrokerConfig:
         shown = re.sub("//.*@", "//...@", url)  # a password must not get into a log
         if parts.scheme not in _DEFAULT_PORTS:
             raise ValueError(f"the URL of a broker begins with mqtt:// or mqtts://: {shown!r}")
-        if not parts.hostname or parts.path.strip("/") or parts.query:
+        if not parts.hostname or parts.path.strip("/") or parts.query or parts.fragment:
             raise ValueError(f"the URL of a broker has the form mqtt://HOST:PORT: {shown!r}")
         return cls(
             host=parts.hostname,
@@ -117,6 +117,7 @@ class MqttConnection:
     Messages that are published without a connection are dropped, not queued.
 
     Args:
+        broker: address of the broker, and how to log in.
         client_id: id of the client; unique at the broker.
         last_will: returns the message that the broker publishes when the connection breaks.
         handlers: functions by topic, called with the payload of each message and its retain flag.
@@ -141,7 +142,7 @@ class MqttConnection:
         self.connected = False
         """True while messages can be published."""
         self._connected_at = math.inf
-        """Loop time at which the last connection began; infinite if the last attempt failed."""
+        """Loop time at which the connection of the last attempt began; infinite without one."""
 
     def publish(self, publication: Publication) -> None:
         """Queue a message for publication; drop it if there is no connection."""
@@ -339,7 +340,9 @@ def refused_topics(topics: Iterable[str], granted: Iterable[Any]) -> list[str]:
     """Return the topics that the broker does not let the vehicle read.
 
     Args:
-        granted: result code of the subscription to each topic.
+        topics: the topics of the subscription.
+        granted: result code for each topic, in the same order; an integer, or an object of the MQTT
+            library with the integer as its `value`.
     """
     codes = (getattr(each, "value", each) for each in granted)
     return [topic for topic, code in zip(topics, codes, strict=False) if code >= _REFUSED]

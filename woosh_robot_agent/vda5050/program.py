@@ -35,6 +35,7 @@ class Connector:
 
     Args:
         vehicles: configuration of each vehicle, by its name in the log.
+        broker: the broker of all vehicles.
     """
 
     def __init__(self, vehicles: Mapping[str, VehicleConfig], broker: BrokerConfig) -> None:
@@ -52,9 +53,9 @@ class Connector:
             context.run(vehicle.start)
 
     def make_dashboard(self, port: int) -> Dashboard:
-        """Return a page that shows the robots with their orders and errors, on this machine.
+        """Return a page, for browsers on this machine, with the robots, their orders and errors.
 
-        The page has links of its own, and only reads from the robots.
+        The page has its own links to the robots, over which it only reads.
 
         Args:
             port: port of the page; 0 takes a free port.

@@ -41,9 +41,9 @@ class HeaderIds:
     without `close`, the ids continue after the reserved block.
 
     Args:
-        first: next id of each topic.
+        first: first id to take, by topic; 0 if missing.
         save: saves the id of each topic with which to continue after a restart; called when ids are
-            reserved, before they are used. By default, nothing is saved.
+            reserved, before they are used, and by `close`. By default, nothing is saved.
     """
 
     def __init__(
@@ -76,12 +76,12 @@ class HeaderIds:
 
 
 class Schedule:
-    """Calls a function soon after each change, and at regular intervals without changes.
+    """Calls a function soon after each change, and regularly without changes.
 
     Args:
         send: the function.
-        shortest: minimum time between two calls, in seconds.
-        longest: maximum time between two calls, in seconds; infinite to call on changes only.
+        shortest: minimum time from a call to the next one after a change, in seconds.
+        longest: time from a call to the next one without a change, in seconds; infinite for none.
     """
 
     def __init__(
@@ -99,7 +99,10 @@ class Schedule:
         self.call_within(self._shortest)
 
     def call_within(self, interval: float) -> None:
-        """Call the function as soon as `interval` seconds since the last call are over."""
+        """Call the function as soon as `interval` seconds since the last call are over, or earlier.
+
+        It is called earlier if an earlier call is scheduled already.
+        """
         loop = asyncio.get_running_loop()
         due = max(loop.time(), self._last + interval)
         if self._timer is None or self._timer.when() > due:
@@ -174,7 +177,7 @@ class Reports:
     # The vehicle at the broker
 
     def open(self, identity: Identity, interface: str, header_ids: HeaderIds) -> None:
-        """Set the topics and the headers; to be called before `use`.
+        """Set the topics and the headers. Call it before `topic` and `use`.
 
         Args:
             identity: manufacturer and serial number.
@@ -214,7 +217,7 @@ class Reports:
         return text == self._will.payload or text in self._own_connections
 
     async def close(self, timeout: float) -> None:
-        """Publish OFFLINE as the last message.
+        """Publish OFFLINE as the last message; without a connection, publish nothing.
 
         Args:
             timeout: maximum wait for the broker, in seconds.
@@ -242,6 +245,7 @@ class Reports:
 
     def announce(self) -> None:
         """Publish ONLINE and the factsheet, and soon the state."""
+        self._skip_last_will()  # if this is not the first ONLINE of the connection
         self._publish_connection(ConnectionState.ONLINE)
         self.publish_factsheet()
         self.changed()
@@ -292,6 +296,6 @@ class Reports:
         return Publication(self.topic(topic), payload, *PUBLISHED[topic])
 
     def _skip_last_will(self) -> None:
-        """Skip the header id of the last will: the broker may have published it."""
+        """Skip the header id of the last will: the broker may have published it, or still will."""
         if self._header_ids.peek(Topic.CONNECTION.value) == self._will_id:
             self._header_ids.next(Topic.CONNECTION.value)

@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from woosh_robot_agent.data_files import DataFileError, load_yaml
+from woosh_robot_agent.data_files import DataFileError, load_yaml, structure
 from woosh_robot_agent.link import LinkConfig
 
 _NODE = "agent"
 """Name of the agent's node in the file."""
 _PARAMETERS = "ros__parameters"
-_TYPES: dict[str, tuple[type, ...]] = {
-    # `field.type` is the annotation as text: float, int, str or a Literal of texts
-    field.name: {"float": (int, float), "int": (int,)}.get(str(field.type), (str,))
-    for field in fields(LinkConfig)
-}
-"""Permitted types of the parameters of the link, by name."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +35,8 @@ def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
     """Read the robots of a file.
 
     Args:
-        default: options of the link that the file does not set; the address is not used.
+        path: a parameter file of the agent.
+        default: options for links without options in the file; its address is not used.
 
     Raises:
         ValueError: the file cannot be read, or a robot in it is invalid; the text names the file.
@@ -104,17 +99,15 @@ def _regex(pattern: str) -> str:
     return "".join(parts.get(part, f"/{re.escape(part)}") for part in pattern.split("/")[1:])
 
 
-def _robot(name: str, parameters: Mapping[str, Any], default: LinkConfig) -> ListedRobot:
-    given = {key: value for key, value in parameters.items() if key in _TYPES}
-    if not given.get("ip"):
+def _robot(name: str, parameters: dict[str, Any], default: LinkConfig) -> ListedRobot:
+    if not parameters.get("ip"):
         raise ValueError(f"it needs an ip; set it under /{name}/{_NODE}")
-    for key, value in given.items():
-        if isinstance(value, bool) or not isinstance(value, _TYPES[key]):
-            raise ValueError(f"{key} cannot be {value!r}")
+    options = asdict(default) | parameters  # with all other parameters of the agent
+    link = structure(LinkConfig, options, "its parameters", known_only=False)
     serial_number = parameters.get("serial_number", "")
     if isinstance(serial_number, bool) or not isinstance(serial_number, str | int):
         raise ValueError(f"serial_number cannot be {serial_number!r}")
-    return ListedRobot(name, replace(default, **given), str(serial_number))
+    return ListedRobot(name, link, str(serial_number))
 
 
 def _leads_to_same_robot(one: LinkConfig, other: LinkConfig) -> bool:

@@ -67,7 +67,7 @@ class OtherConnectorDetector:
             self._restart_timer()
 
     def received(self, payload: bytes, retained: bool) -> None:
-        """Take a message on the topic `connection`."""
+        """Handle a message on the topic `connection`, which may be one that the broker retained."""
         state = _connection_state(payload)
         if state is None or self._is_own(payload):
             return
@@ -131,13 +131,12 @@ class VehicleConfig:
     """Configuration of a vehicle.
 
     Attributes:
-        link: address of the robot.
+        link: address of the robot, and options of the link to it.
         manufacturer: manufacturer in the topics.
         serial_number: serial number in the topics; empty for the one that the robot reports.
         interface: first level of the topics; a text with slashes gives several levels.
         version: version of VDA 5050.
-        limits: factsheet values that the robot does not report, and the intervals and content of
-            state messages.
+        limits: intervals and content of the messages.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
         state_folder: folder of the state file; None to keep nothing over a restart.
         timing: intervals and timeouts of requests to the robot.
@@ -177,7 +176,10 @@ class Session:
     Create it after the first report of the robot, which may give the serial number for the topics.
 
     Args:
-        reports: messages of the vehicle; published over this session from now on.
+        config: configuration of the vehicle.
+        broker: address of the broker, and how to log in.
+        identity: manufacturer and serial number in the topics.
+        reports: messages of the vehicle, which are published over this session.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are ignored.
         on_restored: called before connecting to the broker, with the content of the state file, and
@@ -206,6 +208,7 @@ class Session:
             reports.is_own_connection, self._other_changed, config.gone_after
         )
         self._name = "-".join((config.interface, identity.manufacturer, identity.serial_number))
+        """Client id at the broker, and name of the state file."""
         self._store = Store(config.state_folder, self._name)
         self._header_ids: HeaderIds | None = None
         """Header ids of the messages; None until the state file has been read."""
@@ -234,11 +237,7 @@ class Session:
         self._task.add_done_callback(self._ended)
 
     def save(self, record: Record) -> None:
-        """Save the state that must survive a restart.
-
-        Data that prevent a second execution, e.g. ids of actions, are on the disk on return; other
-        data are saved soon.
-        """
+        """Save the state that must survive a restart; see `Store.save` for when."""
         if self.is_open:  # before, the record of the last run is not known
             self._store.save(record)
 

@@ -7,15 +7,13 @@ import fcntl
 import json
 import logging
 import os
-import types
-import typing
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass, replace
-from enum import Enum
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 from urllib.parse import quote
 
+from woosh_robot_agent.data_files import structure
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.sentences import THEN, Sentence, said_by
 from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
@@ -31,58 +29,6 @@ _INVALID_ORDER = Sentence("vda.fileOrder", "the parts of its order do not fit to
 _DAMAGED = Sentence(
     "vda.fileDamaged", "the last order is unknown, because {path} was damaged ({error})"
 )
-
-
-def to_json(value: Any) -> bytes:
-    """Return an instance of a dataclass as JSON, with enumeration members as their values."""
-    plain = asdict(value)
-    return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
-
-
-def from_plain(kind: Any, data: Any) -> Any:
-    """Return the value of a type, e.g. of a dataclass, for data that `to_json` has written.
-
-    Unknown fields of a dataclass are ignored, and missing fields take their defaults.
-
-    Raises:
-        ValueError: the data does not fit the type.
-    """
-    if kind is Any:
-        return data
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if origin in (types.UnionType, typing.Union):
-        # the only unions in the file have the form `X | None`
-        inner = next(each for each in arguments if each is not types.NoneType)
-        return None if data is None else from_plain(inner, data)
-    if origin is tuple:
-        return tuple(from_plain(arguments[0], each) for each in _checked(list, data))
-    if origin is Mapping:
-        return {key: from_plain(arguments[1], each) for key, each in _checked(dict, data).items()}
-    if is_dataclass(kind):
-        return _dataclass(kind, _checked(dict, data))
-    if issubclass(kind, Enum):
-        return kind(data)
-    if kind is float and type(data) is int:
-        return float(data)
-    return _checked(kind, data)
-
-
-def _dataclass(kind: Any, data: dict[str, Any]) -> Any:
-    hints = typing.get_type_hints(kind)
-    values = {}
-    for each in fields(kind):
-        if each.name in data:
-            values[each.name] = from_plain(hints[each.name], data[each.name])
-        elif each.default is MISSING and each.default_factory is MISSING:
-            raise ValueError(f"{kind.__name__} has no {each.name}")
-    return kind(**values)
-
-
-def _checked(kind: Any, data: Any) -> Any:
-    if type(data) is not kind:
-        raise ValueError(f"a {kind.__name__} was expected, not {type(data).__name__}")
-    return data
-
 
 _LOG = logging.getLogger(__name__)
 _FORMAT = 1
@@ -100,12 +46,14 @@ class Record:
     """Content of the state file.
 
     Attributes:
+        robot_id: id that the robot reports.
         serial_number: serial number that the robot reports.
         task_id: id of the robot's task that drives the current leg (part of an order without a
             stop); 0 without such a task.
         known_ids: ids of the last instant actions.
-        last_motion: id of the last instant action that moves something; empty before the first. It
-            is only stored so that such an action is saved at once, together with `known_ids`.
+        last_motion: id of the last instant action that moves something; empty if there was none
+            since the start of the program. It is only stored so that such an action is saved at
+            once, together with `known_ids`.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
     """
@@ -196,7 +144,7 @@ class Store:
 
         Data that prevent a second execution, e.g. the id of an order, are on the disk on return. A
         record that differs only in the progress of the order and of the instant actions is saved
-        soon: writing a file takes milliseconds, in which nothing else happens.
+        within `_SAVE_WITHIN`: writing a file takes milliseconds, in which nothing else happens.
 
         If saving fails, the file is removed, because an old record could make the vehicle repeat
         what it has done.
@@ -271,7 +219,7 @@ class Store:
         self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
 
     def _load(self, path: Path) -> tuple[Record, VehicleError | None]:
-        """Read the file, and rename a damaged one; see `open` for what is returned."""
+        """Read the file, and rename a damaged one; return the same as `open`."""
         try:
             self._record = self._read(path)
         except FileNotFoundError:
@@ -285,7 +233,7 @@ class Store:
             data = file.read(_MAX_SIZE + 1)
         if len(data) > _MAX_SIZE:
             raise ValueError(_TOO_LARGE(most=_MAX_SIZE))
-        record: Record = from_plain(Record, json.loads(data))
+        record = structure(Record, json.loads(data), "record", known_only=False, own=True)
         if record.format != _FORMAT:
             raise ValueError(_OTHER_FORMAT(found=record.format, own=_FORMAT))
         order = record.order
@@ -303,6 +251,12 @@ class Store:
         return warning(
             ErrorType.STATE_FILE, reason, "check where the robot stands, and send a new order"
         )
+
+
+def to_json(value: Any) -> bytes:
+    """Return an instance of a dataclass as JSON, with enumeration members as their values."""
+    plain = asdict(value)
+    return json.dumps(plain, default=lambda each: each.value, separators=(",", ":")).encode()
 
 
 def replace_file(path: Path, content: bytes) -> None:

@@ -62,9 +62,9 @@ class Vehicle:
         self._session: Session | None = None
         """Connection to the broker; None until the first report of the robot."""
         self._progress: object = None
-        """What may let the order or an action go on, at the last report of a pose."""
+        """State at the last pose, as far as the order or actions may wait for it; see `_moved`."""
         self._is_updating = False
-        """True while `_update` or `_restore` works; then `_update` and `_save` do nothing."""
+        """True during `_update` and `_restore`: `_changed`, `_update` and `_save` do nothing."""
         self._is_update_due = False
         """True if `_changed` has scheduled `_update`."""
         self._link.chassis.on_snapshot(self._identified)

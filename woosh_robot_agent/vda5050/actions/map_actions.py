@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import http.client
 import io
-import threading
-import time
-import urllib.error
-import urllib.request
 import zipfile
 import zlib
-from collections.abc import Callable
-from concurrent.futures import Future
 from pathlib import PurePosixPath
-from typing import TypeVar
 from urllib.parse import urlsplit
+
+import aiohttp
 
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.util.common_pb2 import FileData, Pose2D
-from woosh_robot_agent.sentences import Sentence, said_by
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.actions.performing import (
     INSTANT,
     NOT_ON_EDGES,
@@ -60,27 +54,6 @@ _MISSING = Sentence("vda.map.missing", "the robot has no {what}")
 _SEVERAL = Sentence(
     "vda.map.several", "several scenes of the robot have {what}: {scenes}; rename one"
 )
-T = TypeVar("T")
-
-
-async def _in_thread(work: Callable[[], T]) -> T:
-    """Run a function in a thread of its own, and return its result.
-
-    Unlike with `asyncio.to_thread`, the function keeps no other work waiting, and the program can
-    end before the function returns.
-    """
-    future: Future[T] = Future()
-    future.set_running_or_notify_cancel()  # from now on, cancelling the caller does not cancel it
-
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except Exception as error:
-            future.set_exception(error)
-
-    threading.Thread(target=run, name="vda5050 work", daemon=True).start()
-    return await asyncio.wrap_future(future)
-
 
 _HASHES = {"sha256": 64, "sha1": 40, "md5": 32}
 """Supported hashes, and their lengths in hexadecimal digits."""
@@ -94,20 +67,14 @@ _ZIP_ERRORS = (
     ValueError,
 )
 """Errors of a ZIP file that is damaged, encrypted or compressed in an unknown way."""
-_DOWNLOAD_TIMEOUT = 30.0
-"""Maximum time without any data, in seconds."""
+_MAX_SILENCE = 30.0
+"""Maximum time of a download without any data, in seconds."""
 _MAX_DURATION = 600.0
 """Maximum duration of a download, in seconds."""
-_CHUNK = 64 * 1024
-"""Maximum number of bytes that are read at a time."""
 _MAX_BYTES = 64 * 1024 * 1024
 """Maximum size of the ZIP file, and of all files in it together, in bytes."""
 _MAX_FILES = 200
 """Maximum number of files in the ZIP file."""
-
-
-class MapFileError(Exception):
-    """The file of a map cannot be used. The text is the reason."""
 
 
 def _is_url(text: str) -> bool:
@@ -119,8 +86,8 @@ def _is_url(text: str) -> bool:
     return parts.scheme in ("http", "https") and bool(parts.hostname)
 
 
-def fetch(url: str, expected_hash: str = "", max_duration: float = _MAX_DURATION) -> bytes:
-    """Fetch a file; this blocks.
+async def fetch(url: str, expected_hash: str = "", max_duration: float = _MAX_DURATION) -> bytes:
+    """Fetch a file.
 
     Args:
         url: http or https URL.
@@ -129,38 +96,41 @@ def fetch(url: str, expected_hash: str = "", max_duration: float = _MAX_DURATION
         max_duration: maximum duration of the download, in seconds.
 
     Raises:
-        MapFileError: the file cannot be fetched, is too large or too slow, or has another hash.
+        ActionFailedError: the file cannot be fetched, is too large or too slow, or has another
+            hash.
     """
-    opener = urllib.request.OpenerDirector()  # without the handlers for local files and FTP
-    for handler in (
-        urllib.request.ProxyHandler,
-        urllib.request.HTTPHandler,
-        urllib.request.HTTPSHandler,
-        urllib.request.HTTPRedirectHandler,
-        urllib.request.HTTPErrorProcessor,
-        urllib.request.HTTPDefaultErrorHandler,
-    ):
-        opener.add_handler(handler())
     data = bytearray()
-    deadline = time.monotonic() + max_duration
+    timeout = aiohttp.ClientTimeout(max_duration, sock_connect=_MAX_SILENCE, sock_read=_MAX_SILENCE)
     try:
-        with opener.open(url, timeout=_DOWNLOAD_TIMEOUT) as response:
-            while len(data) <= _MAX_BYTES and (chunk := response.read1(_CHUNK)):
+        async with (
+            aiohttp.ClientSession(
+                timeout=timeout,
+                trust_env=True,  # for a proxy
+                raise_for_status=True,
+                # uncompressed, so that the data cannot grow beyond the limit at once
+                headers={"Accept-Encoding": "identity"},
+                auto_decompress=False,
+            ) as session,
+            session.get(url) as response,
+        ):
+            async for chunk in response.content.iter_any():
                 data += chunk
-                if time.monotonic() > deadline:
-                    raise MapFileError(_SLOW(link=url))
-    except (OSError, ValueError, http.client.HTTPException) as error:
-        if isinstance(error, urllib.error.HTTPError):
-            error.close()  # this error holds the connection
-        raise MapFileError(_NOT_FETCHED(link=url, error=str(error))) from None
-    if len(data) > _MAX_BYTES:
-        raise MapFileError(_TOO_LARGE(link=url, most=_MAX_BYTES))
+                if len(data) > _MAX_BYTES:
+                    raise ActionFailedError(_TOO_LARGE(link=url, most=_MAX_BYTES))
+    except asyncio.TimeoutError:
+        raise ActionFailedError(_SLOW(link=url)) from None
+    except (aiohttp.ClientError, OSError, ValueError) as error:
+        raise ActionFailedError(_NOT_FETCHED(link=url, error=str(error))) from None
     if expected_hash:
-        algorithm = next(name for name, size in _HASHES.items() if size == len(expected_hash))
-        found = hashlib.new(algorithm, data, usedforsecurity=False).hexdigest()
-        if found != expected_hash.lower():
-            raise MapFileError(_HASH(link=url, kind=algorithm, found=found, given=expected_hash))
+        await asyncio.to_thread(_check_hash, url, data, expected_hash)
     return bytes(data)
+
+
+def _check_hash(url: str, data: bytearray, expected: str) -> None:
+    algorithm = next(name for name, size in _HASHES.items() if size == len(expected))
+    found = hashlib.new(algorithm, data, usedforsecurity=False).hexdigest()
+    if found != expected.lower():
+        raise ActionFailedError(_HASH(link=url, kind=algorithm, found=found, given=expected))
 
 
 def unpack(data: bytes) -> dict[str, bytes]:
@@ -169,20 +139,20 @@ def unpack(data: bytes) -> dict[str, bytes]:
     The files may also be in one folder of the archive, with `scene.json` among them.
 
     Raises:
-        MapFileError: the data are no usable ZIP file.
+        ActionFailedError: the data are no usable ZIP file.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = [each for each in archive.infolist() if not each.is_dir()]
             if not entries or len(entries) > _MAX_FILES:
-                raise MapFileError(_FILES(count=len(entries), most=_MAX_FILES))
+                raise ActionFailedError(_FILES(count=len(entries), most=_MAX_FILES))
             if sum(each.file_size for each in entries) > _MAX_BYTES:
-                raise MapFileError(_CONTENT(most=_MAX_BYTES))
+                raise ActionFailedError(_CONTENT(most=_MAX_BYTES))
             files = {_inner_path(each.filename): archive.read(each) for each in entries}
     except _ZIP_ERRORS as error:
-        raise MapFileError(_NO_ZIP(error=str(error))) from None
+        raise ActionFailedError(_NO_ZIP(error=str(error))) from None
     if len(files) < len(entries):
-        raise MapFileError(_SAME_NAME())
+        raise ActionFailedError(_SAME_NAME())
     folder = next(iter(files)).split("/")[0] + "/"
     if f"{folder}scene.json" in files and all(name.startswith(folder) for name in files):
         return {name.removeprefix(folder): content for name, content in files.items()}
@@ -206,10 +176,13 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     """Let the robot use a map, unless it already uses this map.
 
     Args:
+        run: the action.
+        name: name of the map.
         version: version that the map must have; None for any version.
 
     Raises:
-        ActionFailedError: there is no such map, or the robot refused it.
+        ActionFailedError: there is no such map or several, the robot drives along an order, or it
+            refused the map or does not report that it uses it.
         LinkError: the robot could not be reached.
     """
     execution = run.execution
@@ -270,6 +243,7 @@ async def _init_position(run: Run) -> None:
         execution.order.set_last_node(given["lastNodeId"])
 
 
+# the same action has another name in version 3
 init_position, initialize_position = (
     vehicle_action(
         name,
@@ -341,11 +315,8 @@ async def _download(run: Run) -> None:
     if maps.find(name) or maps.of_scene(name):
         raise ActionFailedError(_EXISTS(map=name), ErrorType.DUPLICATE_MAP)
     run.report(ActionStatus.RUNNING)
-    try:
-        url, expected_hash = given["mapDownloadLink"], given.get("mapHash", "")
-        files = await _in_thread(lambda: unpack(fetch(url, expected_hash)))
-    except MapFileError as error:
-        raise ActionFailedError(said_by(error)) from None
+    data = await fetch(given["mapDownloadLink"], given.get("mapHash", ""))
+    files = await asyncio.to_thread(unpack, data)  # takes too long for the event loop
     file_datas = [FileData(name=each, data=content) for each, content in files.items()]
     await run.request(Upload(scene_name=name, file_datas=file_datas, method=Upload.kFull))
     await maps.read()
@@ -359,10 +330,7 @@ async def _download(run: Run) -> None:
 
 
 def _find_one(execution: Execution, name: str, version: str | None) -> StoredMap:
-    """Return the map with a name and version.
-
-    Args:
-        version: version that the map must have; None for any version.
+    """Return the map with a name, and with a version if it is not None.
 
     Raises:
         ActionFailedError: there is no such map, or several scenes have one.

@@ -44,7 +44,7 @@ class Run:
 
     Attributes:
         action: the action.
-        report: called with each change of the status between its start and its end.
+        report: call it with each change of the status between the start and the end of the action.
         execution: the order of the vehicle, and the state of the robot.
         reports: messages of the vehicle.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
@@ -78,10 +78,16 @@ class Run:
         return answer
 
     async def call(self, command: Message) -> str:
-        """Call an action of the robot (ROS action, e.g. StepControl); see `RobotCalls.perform`.
+        """Perform an action of the robot, e.g. StepControl, by `RobotCalls.perform`.
 
         First wait for the end of an action of the same kind that is being cancelled, e.g. because
         the vehicle has left its edge.
+
+        Returns:
+            The text of the robot's last report on the action.
+
+        Raises:
+            ActionFailedError: the action failed.
         """
         calls = self.execution.calls
         if calls.is_cancelling(command):
@@ -144,6 +150,7 @@ class VehicleAction:
 
     Attributes:
         type: name, scopes and parameters, for the factsheet and for the check of orders.
+        perform: performs the action.
         version: major number of the only version of the standard that has the action, e.g. `3`;
             empty if all versions have it.
     """

@@ -164,12 +164,15 @@ async def drop(run: Run) -> str:
 
 
 async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
-    """Move the lift where the robot stands; if a mark is given, by a carry task at the mark.
+    """Move the lift where the robot stands, or by a carry task if the action names a mark.
 
     Args:
         run: the action.
         lift: request that moves the lift where the robot stands.
-        direction: direction of the carry task; kFeeding: load, kCutting: unload.
+        direction: direction of the carry task at the mark; kFeeding: load, kCutting: unload.
+
+    Returns:
+        The robot's report on its lift; empty after a carry task.
     """
     mark = run.given.get(_STATION)
     if mark is None:

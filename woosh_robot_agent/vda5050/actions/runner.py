@@ -51,11 +51,7 @@ ACTIONS: Mapping[str, VehicleAction] = {
 
 
 def action_types(version: Version, *, can_log: bool = False) -> ActionTypes:
-    """Return the actions of a vehicle, by name.
-
-    Args:
-        can_log: True if the vehicle has a folder for log reports.
-    """
+    """Return the actions of a vehicle, by name; logReport only if `can_log`."""
     return {
         name: action.type
         for name, action in ACTIONS.items()
@@ -120,6 +116,8 @@ class ActionRunner:
         for action in list(islice(self._waiting.values(), count)):
             del self._waiting[action.id]
             active[action.id] = action
+            # saved before it begins: an action that is WAITING in the state file has not begun
+            execution.action_changed(action.id, ActionStatus.INITIALIZING)
             self._start(action)
 
     def _start(self, action: Action) -> None:

@@ -1,4 +1,4 @@
-"""The factsheet: properties and capabilities of a vehicle, with the check of actions."""
+"""The factsheet: properties and capabilities of a vehicle. Checks actions against them."""
 
 from __future__ import annotations
 
@@ -15,21 +15,6 @@ STANDSTILL = frozenset({BlockingType.SOFT, BlockingType.HARD})
 """Blocking types for actions that need a standing vehicle."""
 
 
-class Kinematics(Enum):
-    """Kinematics of a vehicle."""
-
-    DIFFERENTIAL = "DIFF"
-    OMNIDIRECTIONAL = "OMNI"
-
-
-class VehicleClass(Enum):
-    """Class of a vehicle: its purpose."""
-
-    CARRIER = "CARRIER"
-    CONVEYOR = "CONVEYOR"
-    TUGGER = "TUGGER"
-
-
 class Scope(Enum):
     """Places where an action may be requested."""
 
@@ -43,7 +28,8 @@ class Objection:
     """A reason why the vehicle cannot perform an action.
 
     Attributes:
-        parameter: key of the wrong or missing parameter; empty for another reason.
+        reason: the reason, for people.
+        parameter: key of the unknown, wrong or missing parameter; empty for another reason.
     """
 
     reason: str
@@ -90,6 +76,7 @@ class ParameterType:
     """A parameter of an action.
 
     Attributes:
+        key: name of the parameter.
         type: data type: FLOAT, STRING or BOOL.
         optional: True if the parameter may be left out.
         valid: returns True for a valid value of the data type; None if all values are valid.
@@ -135,6 +122,8 @@ class ActionType:
 
     Attributes:
         name: name of the action, e.g. `pick`.
+        scopes: where the action may be requested.
+        description: what the action does.
         result: meaning of the result; empty for an action without a result.
         blocking: blocking types that the action may have on nodes and edges.
         pausable: True if the action moves something, so that it is paused with the vehicle.
@@ -151,7 +140,7 @@ class ActionType:
     repeatable: bool = False
 
     def find_objection(self, action: Action, scope: Scope) -> Objection | None:
-        """Return why an action of this type is impossible in a place; None if it is possible."""
+        """Return why an action of this type is impossible in a scope; None if it is possible."""
         if scope not in self.scopes:
             places = joined(_OR, sorted(_SCOPES[each] for each in self.scopes))
             return Objection(_WRONG_SCOPE(action=self.name, place=_SCOPES[scope], places=places))
@@ -185,11 +174,9 @@ def find_objection(types: ActionTypes, action: Action, scope: Scope) -> Objectio
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits in the factsheet that the robot does not report, and options of the state messages.
+    """Intervals and content of the messages.
 
     Attributes:
-        max_speed: maximum speed, in m/s.
-        max_acceleration: maximum acceleration, in m/s².
         min_state_interval: minimum time between two states, in seconds.
         state_interval: maximum time between two states, in seconds.
         visualization_interval: time between two visualizations while the robot moves, in seconds.
@@ -198,8 +185,6 @@ class Limits:
         maps_in_state: True if the state lists the maps on the robot.
     """
 
-    max_speed: float = 1.0
-    max_acceleration: float = 0.5
     min_state_interval: float = 0.1
     state_interval: float = 30.0
     visualization_interval: float = 1.0
@@ -212,9 +197,11 @@ class Factsheet:
     """Properties and capabilities of a vehicle. Lengths are in metres, masses in kilograms.
 
     Attributes:
+        kinematics: `agvKinematic` in version 2.1: DIFF or OMNI.
+        vehicle_class: `agvClass`, e.g. CARRIER.
         max_load: maximum mass of the load.
-        limits: values that the robot does not report.
-        outline: corners of the outline in the vehicle's frame.
+        limits: intervals of the messages.
+        outline: corners of the outline, as x and y in the vehicle's frame; empty if unknown.
         optional_parameters: optional fields that the vehicle obeys, e.g. `order.edges.maxSpeed`,
             with a description, which may be empty.
         versions: versions of the vehicle's software, by name.
@@ -222,8 +209,8 @@ class Factsheet:
 
     series: str
     description: str
-    kinematics: Kinematics
-    vehicle_class: VehicleClass
+    kinematics: str
+    vehicle_class: str
     max_load: float
     length: float
     width: float

@@ -32,6 +32,8 @@ _MAX_POINTS = 100
 """Approximate maximum number of points along a curve; on a longer curve, they are farther apart."""
 _SAMPLES = 8
 """Number of points in each knot span by which the length of the curve is estimated."""
+_MIN_WEIGHT = 1e-9
+"""Lowest permitted weight; a sum of much smaller ones would be rounded to 0."""
 _NOT_FINITE = Sentence("vda.curve.notFinite", "a number is not finite")
 _DEGREE = Sentence("vda.curve.degree", "its degree is not a positive integer: {degree}")
 _HIGH_DEGREE = Sentence("vda.curve.highDegree", "its degree is above {most}: {degree}")
@@ -46,8 +48,8 @@ _KNOTS = Sentence(
 )
 _DECREASE = Sentence("vda.curve.decrease", "its knots decrease")
 _EQUAL = Sentence("vda.curve.equal", "its knots are all equal")
-_WEIGHT = Sentence("vda.curve.weight", "a weight is not positive")
-_NO_LENGTH = Sentence("vda.curve.noLength", "its control points are all the same")
+_WEIGHT = Sentence("vda.curve.weight", "a weight is below {least}")
+_NO_LENGTH = Sentence("vda.curve.noLength", "it has no length")
 
 
 def curve_defect(trajectory: Trajectory) -> str:
@@ -72,9 +74,9 @@ def curve_defect(trajectory: Trajectory) -> str:
         return _DECREASE()
     if knots[int(degree)] == knots[len(points)]:
         return _EQUAL()
-    if any(point.weight <= 0 for point in points):
-        return _WEIGHT()
-    if len({(point.x, point.y) for point in points}) == 1:
+    if any(point.weight < _MIN_WEIGHT for point in points):
+        return _WEIGHT(least=f"{_MIN_WEIGHT:g}")
+    if len(set(curve_points(trajectory))) == 1:  # also if its other control points have no effect
         return _NO_LENGTH()
     return ""
 
@@ -101,14 +103,17 @@ def _length(points: list[Point]) -> float:
 
 
 def _points_of_span(trajectory: Trajectory, span: int, count: int) -> list[Point]:
-    """Return the start of a span of the knots and `count` points after it."""
+    """Return the points at the start and end of a span of the knots, and `count` - 1 between."""
     start, end = trajectory.knots[span : span + 2]
     parameters = [start + (end - start) * step / count for step in range(count)]
     return [_point(trajectory, span, each) for each in (*parameters, end)]
 
 
 def _point(trajectory: Trajectory, span: int, parameter: float) -> Point:
-    """Return the point of a curve at a parameter in a span of its knots, by de Boor's algorithm."""
+    """Return the point of a curve at a parameter, which is in the span after knot number `span`.
+
+    This is de Boor's algorithm.
+    """
     degree, knots = int(trajectory.degree), trajectory.knots
     control = trajectory.points[span - degree : span + 1]
     # in homogeneous coordinates a rational curve is an ordinary one
@@ -136,7 +141,8 @@ def path_ahead(path: Sequence[Point], here: Point) -> list[Point]:
     """Return the rest of a path from the position of the vehicle, simplified.
 
     Returns:
-        At least two points, the first of which is the position; empty if there is no path ahead.
+        At least two points, the first of which is the position; empty if there is no path ahead, or
+        if the vehicle is farther than `_MAX_OFFSET` from the path.
     """
     if not path:
         return []

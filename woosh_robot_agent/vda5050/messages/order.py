@@ -24,7 +24,7 @@ MAX_KNOTS = MAX_CONTROL_POINTS + MAX_DEGREE + 1
 
 
 class BlockingType(Enum):
-    """What else is permitted while an action runs."""
+    """Blocking type of an action: what else is permitted while it runs."""
 
     NONE = "NONE"
     """Driving and other actions."""
@@ -66,7 +66,13 @@ class Action:
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Shape of the permitted deviation from a node: semi-axes in metres, angle in radians."""
+    """Shape of the permitted deviation from a node.
+
+    Attributes:
+        a: semi-axis in the direction `theta`, in metres.
+        b: the other semi-axis, in metres.
+        theta: angle in the map frame, in radians.
+    """
 
     a: float
     b: float
@@ -81,9 +87,9 @@ class NodePosition:
         x: position in the map frame, in metres.
         y: position in the map frame, in metres.
         theta: heading that the vehicle must have on the node, in radians; None for any.
-        deviation_xy: distance from the position at which the node counts as traversed, in metres; 0
-            for the normal tolerance of the robot.
-        deviation_theta: permitted deviation from `theta`, in radians; 0 for the normal tolerance.
+        deviation_xy: distance from the position at which the node counts as traversed, in metres. A
+            value below the normal tolerance (see `reach`), e.g. 0, stands for this tolerance.
+        deviation_theta: permitted deviation from `theta`, in radians, in the same way.
         ellipse: permitted deviation, if it is an ellipse; `deviation_xy` is then its smaller
             semi-axis. None for a circle.
     """
@@ -110,7 +116,7 @@ class Node:
         id: id of the node; several nodes of an order may have the same id.
         sequence_id: position among the nodes and edges of the order.
         released: True if the node belongs to the base, False if to the horizon.
-        position: position; None if the order does not give it.
+        position: position; None if neither the order nor a mark gives it.
         description: further information; may be empty.
         mark: number of the mark by which the robot drives to the node; empty if it drives to the
             position.
@@ -139,7 +145,9 @@ class Trajectory:
     """A curve as a NURBS.
 
     Attributes:
-        knots: knot vector, from 0 to 1.
+        degree: degree of the curve; 1 for straight lines between the control points.
+        knots: knot vector; it does not decrease.
+        points: control points.
     """
 
     degree: int
@@ -157,7 +165,7 @@ class Edge:
         max_speed: maximum speed on the edge, in m/s; None without a limit.
         trajectory: curve to drive along; None if the robot plans its path.
         description: further information; may be empty.
-        unsupported: names of the fields that the message has but the robot cannot obey.
+        unsupported: names of the fields of the edge in the message that the robot cannot obey.
     """
 
     id: str
@@ -177,7 +185,8 @@ class Order:
     """An order or an update of an order.
 
     Attributes:
-        unsupported: names of the fields that the message has but the robot cannot obey.
+        unsupported: names of the fields in the message that the robot cannot obey, except those of
+            edges.
     """
 
     id: str

@@ -59,7 +59,10 @@ def _validator(version: str, topic: str) -> Validator:
 
 
 def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
-    """Return the path of an invalid field of a message and the reason; None for a valid message."""
+    """Return the path of an invalid field of a message and the reason; None for a valid message.
+
+    The path is empty if the message as a whole is invalid, e.g. because a field is missing.
+    """
     errors = itertools.islice(_validator(version, topic).iter_errors(message), _MAX_ERRORS)
     error = best_match(errors)
     if error is None:
@@ -121,7 +124,7 @@ def read_instant_actions(payload: bytes, version: Version, identity: Identity) -
 
 
 def refusal_of_zone_set(payload: bytes, version: Version, identity: Identity) -> VehicleError:
-    """Return the error for a received zone set: the robot takes no zones of a fleet control."""
+    """Return the error for a received zone set: it is malformed, or the robot takes no zones."""
     try:
         message = _parse(payload, version, identity, Topic.ZONE_SET)
     except RejectedError as rejected:
@@ -174,11 +177,7 @@ def _position(position: Mapping[str, Any]) -> NodePosition:
 
 
 def _edge(version: Version, edge: Mapping[str, Any], nodes: Mapping[int, str]) -> Edge:
-    """Return a received edge.
-
-    Args:
-        nodes: ids of the nodes of the order, by their sequence ids.
-    """
+    """Return a received edge of an order with these nodes (ids by sequence ids)."""
     trajectory = edge.get("trajectory")
     number = int(edge["sequenceId"])
     if version.is_3:  # an edge does not name its nodes
@@ -297,7 +296,7 @@ def _check_limits(message: Any) -> None:
 
 
 def _rejection(topic: Topic, message: Any, reason: str) -> RejectedError:
-    """Return the exception that rejects a message, which is None if it could not be parsed."""
+    """Return the exception that rejects a message; the message is None if it is not readable."""
     references = {
         key: str(message[key])[:_MAX_VALUE]
         for key in ("headerId", "orderId", "orderUpdateId")

@@ -39,7 +39,7 @@ class ErrorType(str, Enum):
     OTHER_ORDER_ACTIVE = "otherOrderActive"
     """The vehicle still executes another order."""
     NOT_AVAILABLE = "notAvailable"
-    """The vehicle is in an operating mode in which it takes no orders."""
+    """The vehicle cannot take or continue an order, because of its mode or unknown position."""
     UNKNOWN_MAP = "unknownMap"
     """A node is on a map that the vehicle does not have."""
     NO_ROUTE = "noRouteError"
@@ -55,7 +55,7 @@ class ErrorType(str, Enum):
     NO_ORDER_TO_CANCEL = "noOrderToCancel"
     """There is no order that could be cancelled."""
     DRIVING = "drivingError"
-    """The robot did not reach the next node."""
+    """The robot did not reach the next node, or cannot drive to it."""
     INSTANT_ACTION = "instantActionError"
     """The vehicle cannot perform an instant action."""
     ACTION = "actionError"
@@ -63,7 +63,7 @@ class ErrorType(str, Enum):
     DUPLICATE_MAP = "duplicateMap"
     """The vehicle has the map already."""
     INTERRUPTED = "interruptedError"
-    """The order was interrupted by a restart of the connector, or by people at the robot."""
+    """The order was interrupted, e.g. by a restart of the connector or by people at the robot."""
     ROBOT_CONNECTION = "robotConnectionError"
     """The connector has no link to the robot."""
     ROBOT_BUSY = "robotBusyError"
@@ -262,9 +262,12 @@ class OrderStatus:
     Attributes:
         order_id: id of the current or last order; empty before the first order.
         update_id: number of the order's last update.
-        last_node_id: id of the last node that was reached; empty before the first node.
+        last_node_id: id of the last node that was reached; empty if there is none.
+        last_node_sequence_id: its sequence id; 0 if there is none.
         nodes: nodes still to be reached, the horizon included.
         edges: edges still to be left, the horizon included.
+        actions: actions of the order; in a `VehicleState` also the instant actions.
+        paused: True while the vehicle is paused; set in a `VehicleState` only.
         new_base_request: True if the vehicle is about to reach the end of the base.
         distance_since_last_node: distance driven since the last node, in metres; None if unknown.
     """
@@ -294,8 +297,10 @@ class RobotStatus:
         velocity: velocity; None if the robot did not report a velocity.
         loaded: True if the robot carries a load; None if it does not detect loads.
         maps: maps on the robot; None if unknown.
-        blocked: True while the robot stands before an obstacle.
-        path: points of the path that the robot follows, in metres; empty without a path.
+        blocked: True while an obstacle is in the way of the robot.
+        errors: errors that the robot reports.
+        path: points of the path that the robot follows, in the map frame, in metres; empty without
+            a path.
     """
 
     driving: bool
@@ -317,7 +322,9 @@ class VehicleState:
     """The complete state of a vehicle.
 
     Attributes:
-        errors: errors of orders, of actions and of the robot.
+        order: progress of the order, with all actions.
+        robot: state of the robot.
+        errors: errors of orders, actions, the connector and the robot.
     """
 
     order: OrderStatus

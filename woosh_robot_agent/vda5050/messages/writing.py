@@ -38,6 +38,10 @@ from woosh_robot_agent.vda5050.messages.versions import Version
 
 Fields = dict[str, Any]
 """A message, or a part of one, as it is written in JSON."""
+_MAX_SPEED = 1.0
+"""Maximum speed in the factsheet, in m/s; the robot does not report its own."""
+_MAX_ACCELERATION = 0.5
+"""Maximum acceleration and deceleration in the factsheet, in m/s², for the same reason."""
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
 
@@ -93,11 +97,7 @@ def state_message(version: Version, state: VehicleState) -> Fields:
 
 
 def visualization_message(version: Version, robot: RobotStatus, state_id: int) -> Fields:
-    """Return a `visualization` message.
-
-    Args:
-        state_id: header id of the last `state` message.
-    """
+    """Return a `visualization` message; `state_id` is the header id of the last `state` message."""
     reference = {"referenceStateHeaderId": state_id} if version.is_3 else {}
     return reference | _renamed(_motion(robot), version.names)
 
@@ -109,7 +109,7 @@ def connection_message(version: Version, state: ConnectionState) -> Fields:
 
 def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
     """Return a `factsheet` message."""
-    limits, kinematics = factsheet.limits, version.value(factsheet.kinematics.value)
+    limits, kinematics = factsheet.limits, version.value(factsheet.kinematics)
     outline = [{"x": x, "y": y} for x, y in factsheet.outline]
     message: Fields = {
         "typeSpecification": _without_empty(
@@ -117,7 +117,7 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
                 "seriesName": factsheet.series,
                 "seriesDescription": factsheet.description,
                 "agvKinematic": kinematics,
-                "agvClass": factsheet.vehicle_class.value,
+                "agvClass": factsheet.vehicle_class,
                 "maxLoadMass": factsheet.max_load,
                 "localizationTypes": ["NATURAL"],
                 "navigationTypes": [version.value("AUTONOMOUS"), "VIRTUAL_LINE_GUIDED"],
@@ -125,9 +125,9 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         ),
         "physicalParameters": {
             "speedMin": 0.0,
-            "speedMax": limits.max_speed,
-            "accelerationMax": limits.max_acceleration,
-            "decelerationMax": limits.max_acceleration,
+            "speedMax": _MAX_SPEED,
+            "accelerationMax": _MAX_ACCELERATION,
+            "decelerationMax": _MAX_ACCELERATION,
             "heightMax": factsheet.height,
             "width": factsheet.width,
             "length": factsheet.length,
@@ -175,11 +175,7 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
 
 
 def _renamed(message: Fields, names: Mapping[str, str]) -> Fields:
-    """Return a message with its fields renamed, at any depth.
-
-    Args:
-        names: new names, by the old names.
-    """
+    """Return a message with its fields renamed, at any depth; `names` has old and new names."""
 
     def renamed(value: Any) -> Any:
         if isinstance(value, dict):
@@ -272,15 +268,19 @@ def _motion(robot: RobotStatus) -> Fields:
 
 
 def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
-    """Return the errors of the state as the version demands, e.g. with LOCALIZATION_ERROR in 3."""
+    """Return the errors of the state.
+
+    In version 3, LOCALIZATION_ERROR is added for an unknown position, and NOT_AVAILABLE ends with
+    its cause.
+    """
     if not version.is_3:
         return state.errors
     place = state.robot.position
     if place is not None and not place.initialised:
         return (*state.errors, _NOT_LOCALIZED)
-    if state.robot.mode is not OperatingMode.AUTOMATIC:
+    if place is None or state.robot.mode is not OperatingMode.AUTOMATIC:
         return state.errors
-    # the mode for which an order was rejected has ended, and so has the error
+    # the mode or position for which an order was rejected has changed, and so its error has ended
     return [each for each in state.errors if each.type != ErrorType.NOT_AVAILABLE]
 
 

@@ -38,7 +38,7 @@ class ActionsMemory:
     Attributes:
         states: states of all actions of the order.
         triggered: triggered actions that have not started.
-        running: actions that have started and not ended.
+        running: actions that have started and not ended; some may be WAITING for other actions.
         of_edge: actions of the edge on which the vehicle drives.
     """
 
@@ -91,11 +91,14 @@ class OrderActions:
     def restore(self, memory: ActionsMemory) -> None:
         """Restore the actions after a restart.
 
-        Those that ran count as running until `interrupt` lets them fail.
+        Those that ran count as running until `interrupt` lets them fail. Those that were WAITING
+        for other actions have not begun, and are triggered again.
         """
         self._states = {state.id: state for state in memory.states}
-        self.triggered = list(memory.triggered)
-        self.running = {action.id: action for action in memory.running}
+        waiting = {state.id for state in memory.states if state.status is ActionStatus.WAITING}
+        self.triggered = [action for action in memory.running if action.id in waiting]
+        self.triggered += memory.triggered
+        self.running = {action.id: action for action in memory.running if action.id not in waiting}
         self._edge_actions = memory.of_edge
 
     def ids_without(self, parts: Iterable[Node | Edge]) -> set[str]:
@@ -103,6 +106,7 @@ class OrderActions:
         return self._states.keys() - {action.id for part in parts for action in part.actions}
 
     def clear(self) -> None:
+        """Forget all actions; they must have ended."""
         self._states.clear()
         self._edge_actions = ()
 

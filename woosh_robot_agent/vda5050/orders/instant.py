@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -49,7 +49,9 @@ _AGAIN = Sentence(
 
 
 class InstantActions:
-    """Instant actions since the last order.
+    """The instant actions in the state of the vehicle, and the ids of earlier ones.
+
+    Actions stay in the state until `forget_ended`, or until there are too many.
 
     Args:
         types: the actions that the vehicle can perform.
@@ -57,17 +59,18 @@ class InstantActions:
 
     Attributes:
         commands: commands that start actions; `Execution` takes them.
-        last_motion: id of the last instant action that moves something; empty before the first.
-        errors: errors of refused instant actions, and of all actions that failed.
+        last_motion: id of the last instant action that moves something; empty if there was none
+            since the start of the program.
+        errors: the last errors of refused instant actions, and of all actions that failed.
     """
 
     def __init__(self, types: ActionTypes, order: OrderMachine) -> None:
         self._types = types
         self._order = order
         self._states: dict[str, ActionState] = {}
-        """States of the instant actions since the last order, by id."""
+        """The instant actions in the state, by id."""
         self._known: dict[str, None] = {}
-        """Ids of the last instant actions, the oldest first."""
+        """Ids of the last instant actions, the oldest first; a dict serves as an ordered set."""
         self.commands: list[Perform] = []
         self._pause_again: dict[str, Action] = {}
         """startPause actions to perform once an earlier startPause with the same id has ended, by
@@ -77,7 +80,7 @@ class InstantActions:
 
     @property
     def states(self) -> tuple[ActionState, ...]:
-        """States of the instant actions since the last order."""
+        """States of the instant actions."""
         return tuple(self._states.values())
 
     @property
@@ -100,7 +103,7 @@ class InstantActions:
         return {key for key, state in self._states.items() if ended or not state.status.ended}
 
     def receive(self, actions: Sequence[Action]) -> None:
-        """Perform instant actions. An action whose id must not be used again gets an error."""
+        """Begin instant actions; refuse those that are impossible or reuse an id wrongly."""
         for action in actions:
             if action.type == STOP_PAUSE:  # it ends these pauses, too
                 self._pause_again.clear()
@@ -137,7 +140,7 @@ class InstantActions:
         """Restore the states after a restart. Actions that ran fail, except `cancelOrder`.
 
         Args:
-            states: the states, which may not be the latest ones.
+            states: the saved states; the changes of the last seconds may be missing.
             known_ids: ids of the last instant actions.
             holds: names of the holds that kept the vehicle from driving.
 
@@ -183,12 +186,13 @@ class InstantActions:
     def _is_too_many(self, action_type: str) -> bool:
         """Return True if too many actions run, now that an action of this type is among them.
 
-        Pauses and cancellations have a count of their own, so that other actions do not keep a
-        pause from the vehicle.
+        Pauses and cancellations are counted separately, so that no number of other actions
+        prevents a pause.
         """
         stops = (START_PAUSE, STOP_PAUSE, CANCEL_ORDER)
-        running = (state.type in stops for state in self._states.values() if not state.status.ended)
-        return Counter(running)[action_type in stops] > _MAX_STATES
+        running = [each.type for each in self._states.values() if not each.status.ended]
+        counted = [each for each in running if (each in stops) == (action_type in stops)]
+        return len(counted) > _MAX_STATES
 
     def _start(self, action: Action, kind: ActionType) -> None:
         """Add the command to perform an action; hold the order if the action forbids driving."""

@@ -75,14 +75,9 @@ def need_standstill(actions: Sequence[Action]) -> bool:
 
 
 def _needs_own_task(before: Edge, node: Node, edge: Edge, following: Node) -> bool:
-    """Return True if the edge after a node needs a task of its own.
+    """Return True if one task cannot drive both along `before` to `node` and `edge` to `following`.
 
     One task of the robot drives to a mark, along trajectories, or through nodes of one map.
-
-    Args:
-        before: the edge to the node.
-        edge: the edge after the node.
-        following: the node at the end of the edge after the node.
     """
     if following.mark or (before.trajectory is None) != (edge.trajectory is None):
         return True

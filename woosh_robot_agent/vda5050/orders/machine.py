@@ -214,7 +214,9 @@ class OrderMachine:
         """Take an order or an update, and return its kind.
 
         Args:
-            check: raises a RejectedError if the vehicle cannot perform the order.
+            order: the order or update.
+            check: called with an order that is not known yet; raises a RejectedError if the vehicle
+                cannot perform it.
 
         Raises:
             RejectedError: the vehicle cannot take the order; nothing has changed.
@@ -269,10 +271,7 @@ class OrderMachine:
     ) -> None:
         """Take a new position, and reach the nodes of the leg that the vehicle has passed.
 
-        Args:
-            by_action: True if an action may have moved the vehicle.
-            confirmed: True if the robot has confirmed, over the current link, that it drives the
-                leg.
+        The arguments are those of `Route.moved`.
         """
         self._route.moved(
             position, by_action=by_action, confirmed=confirmed, passes=not self.canceling
@@ -325,7 +324,7 @@ class OrderMachine:
         self._holds.discard(name)
 
     def cancel(self, reason: str = "the order was cancelled") -> None:
-        """Begin to cancel the order; `canceling` is False again at the end.
+        """Begin to cancel the order; `empty` ends the cancellation.
 
         Args:
             reason: result of the actions that fail because of the cancellation.
@@ -388,7 +387,8 @@ class OrderMachine:
     def restore(self, memory: OrderMemory) -> None:
         """Go on with an order after a restart. Actions that ran fail.
 
-        If `driving` is True then, call `drive_ended` at the end of the drive, as after a `Drive`.
+        If `driving` is True afterwards, call `drive_ended` at the end of the drive, as after a
+        `Drive`.
         """
         if not memory.order_id:
             return

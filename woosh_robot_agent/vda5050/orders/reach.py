@@ -11,8 +11,8 @@ of these reasons, and for no other:
   leg: the robot may have been moved, or restarted elsewhere.
 - The drive of the leg has ended without a failure (`arrive`).
 
-Then the actions of the node are triggered. They fail if the next position report is far from the
-node.
+Then the actions of the node are triggered. If the vehicle passes the node without a stop, and the
+report that shows it is already far from the node, the actions fail instead.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Route:
         edges: edges still to be left; the vehicle is on the first edge if `on_edge`.
         on_edge: True if the vehicle is on an edge.
         leg: the leg that the vehicle drives; None while it drives no leg.
-        position: the last position; None if unknown.
+        position: the last known position; None before the first report, also after a restart.
         driven: distance driven since the last node, in metres; None if unknown after a restart.
         must_check_place: True if the vehicle may have been moved away from the last node.
     """
@@ -159,29 +159,15 @@ class Route:
         """Take a new position, and reach the nodes of the leg that the vehicle has passed.
 
         Args:
+            position: the new position, also if it is the same as before.
             by_action: True if an action may have moved the vehicle.
             confirmed: True if the robot has confirmed, over the current link, that it drives the
                 leg.
-            passes: True if passed nodes count as reached.
+            passes: True if passed nodes count as reached; False while the order is cancelled.
         """
-        last, was_in_place = self.position, self.is_in_place
+        last, was_in_place, leg = self.position, self.is_in_place, self.leg
         self.position = position
-        start = None if self._is_unconfirmed else last
-        step = estimated_step = _distance(start, position)
-        if step > _MAX_STEP:  # a jump, or `start` is unknown
-            start, step, estimated_step = None, 0.0, 0.0
-        leg = self.leg
-        if self._is_unconfirmed and leg is not None and confirmed:
-            # the way driven without a link: at least the straight line, perhaps a detour
-            gap = _distance(self._position_at_loss, position)
-            step = gap if math.isfinite(gap) else 0.0
-            estimated_step = step * _UNSEEN_DETOUR
-            self._is_unconfirmed = False
-        # a repeated report keeps the last move, unless the link was lost meanwhile
-        if position != last or start is None:
-            self._move_start = start
-        self._estimated_way += estimated_step
-        self.driven = None if self.driven is None else self.driven + step
+        self._measure_move(last, position, confirmed=confirmed)
         drives_leg = leg is not None and not self._is_unconfirmed
         # somebody may switch the map without moving the robot
         is_same_place = (
@@ -201,6 +187,27 @@ class Route:
             self._reach(passing=True)
             self.enter_edge()
 
+    def _measure_move(self, last: Position | None, now: Position, *, confirmed: bool) -> None:
+        """Update the distance driven, and the start of the last move.
+
+        The first position of a confirmed drive ends `_is_unconfirmed`.
+        """
+        start = None if self._is_unconfirmed else last
+        step = estimated_step = _distance(start, now)
+        if step > _MAX_STEP:  # a jump, or `start` is unknown
+            start, step, estimated_step = None, 0.0, 0.0
+        if self._is_unconfirmed and self.leg is not None and confirmed:
+            # the way driven without a link: at least the straight line, perhaps a detour
+            gap = _distance(self._position_at_loss, now)
+            step = gap if math.isfinite(gap) else 0.0
+            estimated_step = step * _UNSEEN_DETOUR
+            self._is_unconfirmed = False
+        # a repeated report keeps the last move, unless the link was lost meanwhile
+        if now != last or start is None:
+            self._move_start = start
+        self._estimated_way += estimated_step
+        self.driven = None if self.driven is None else self.driven + step
+
     def arrive(self) -> None:
         """Reach the goal of the leg: its drive has ended without a failure."""
         leg, self.leg = self.leg, None
@@ -217,8 +224,9 @@ class Route:
         still be on its way to the missed node, which may lead past later nodes.
 
         Args:
+            here: position of the vehicle, the end of its last move.
             edges: the edge to each node.
-            nodes: the nodes that are passed without a stop, in their order.
+            nodes: the nodes of the leg before its goal, in their order.
         """
         if self._is_unconfirmed:
             return 0
@@ -266,9 +274,9 @@ class Route:
             self._actions.trigger_node(self.last_node)
 
     def _is_far_from(self, node: Node) -> bool:
-        """Return True if the vehicle is farther from a node than it drives between two reports.
+        """Return True if the vehicle is so far from a node that its actions would be misplaced.
 
-        Then actions of the node would happen somewhere else.
+        This distance is the permitted deviation, and the way that it drives between two reports.
         """
         place, here = node.position, self.position
         if place is None or here is None:
@@ -331,10 +339,10 @@ def in_sequence(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edg
 
 
 def is_reached(node: NodePosition, before: Position | None, now: Position) -> bool:
-    """Return True if the vehicle has passed a node on its way from one position to the next.
+    """Return True if the vehicle has passed a node on its straight way from `before` to `now`.
 
-    Args:
-        before: last position of the vehicle; None to require that it is at the node now.
+    If `before` is None, or on another map, the vehicle must be at the node now. Its heading must
+    fit, too, if the node demands one.
     """
     if node.map_id != now.map_id:
         return False

@@ -78,7 +78,7 @@ def check_action_ids(order: Order, used: Collection[str]) -> None:
 
     Args:
         order: the order; in an update, the actions of the first node are known already.
-        used: ids of the actions of the current order; empty for a new order.
+        used: ids of the actions that the current order keeps; empty for a new order.
 
     Raises:
         RejectedError: two actions have the same id.
@@ -131,6 +131,7 @@ def classify(
     """Check an order, and return its kind. A new order also needs `check_start`.
 
     Args:
+        order: the received order or update.
         current: the last order or update that the vehicle took; None before the first order.
         busy: True if the vehicle executes the current order, or waits for an update of it.
         cancelled: True if the current order was cancelled.
@@ -192,10 +193,7 @@ def classify(
 
 
 def check_start(order: Order, stands_on: Callable[[Node], bool]) -> None:
-    """Check that a new order begins where the vehicle stands.
-
-    Args:
-        stands_on: returns True if the vehicle is within the permitted deviation from a node.
+    """Check that the vehicle stands on the first node of a new order, according to `stands_on`.
 
     Raises:
         RejectedError: the order begins elsewhere.
@@ -223,6 +221,7 @@ def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
     position of the mark.
 
     Args:
+        order: the order as it was received.
         map_id: id of the map for nodes without a position.
         find: returns the position of a mark.
     """
@@ -243,7 +242,10 @@ def _with_mark(node: Node, map_id: str, find: FindMark) -> Node:
 
 
 def _is_at(place: NodePosition, mark: NodePosition) -> bool:
-    """Return True if a robot at a mark is within the permitted deviation from a node."""
+    """Return True if a robot at a mark is within the permitted deviation from a node.
+
+    The heading must fit, too, unless the mark has none.
+    """
     theta = place.theta if mark.theta is None else mark.theta
     here = Position(mark.x, mark.y, theta or 0.0, place.map_id, initialised=True)
     return is_reached(place, None, here)

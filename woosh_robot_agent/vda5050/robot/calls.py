@@ -65,7 +65,7 @@ class _Call:
     """One execution of an action of the robot, from its start to its end.
 
     Args:
-        command: the command, without its field `action` (start, pause, resume or cancel).
+        command: the command; `request` sets its field `action` (start, pause, resume or cancel).
         report: called with each new status: RUNNING or PAUSED.
 
     Attributes:
@@ -75,7 +75,7 @@ class _Call:
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
         outcome_unknown: True if the robot does not tell how the action ended.
-        is_cancelled: True once it is being cancelled.
+        is_cancelled: True once the action is being cancelled.
         result: text of the last report.
         controller: pauses, resumes and cancels the action.
     """

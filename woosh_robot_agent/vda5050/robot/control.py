@@ -28,6 +28,7 @@ class Controller:
     sent once, when there is a link. After a cancellation, there are no other commands.
 
     Args:
+        link: the link to the robot.
         name: name of the task or the action, for the log.
         send: sends a command.
         answered: called with the answer to a command, or with None if no answer came.
@@ -75,10 +76,9 @@ class Controller:
             self._wanted = None
 
     def update(self, paused: bool) -> bool:
-        """Update the state from a report; return True if `paused` or `stays_paused` has changed.
+        """Take from a report if the task or action is paused; return True if this is a change.
 
-        Args:
-            paused: True if the task or action is paused.
+        A change of `stays_paused` is a change, too.
         """
         before = (self.paused, self.stays_paused)
         self.paused = paused

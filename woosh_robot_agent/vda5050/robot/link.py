@@ -116,11 +116,12 @@ class RobotLink:
         config: address of the robot.
         timing: how long to wait for the robot.
         on_changed: called after each event that may change the state of the vehicle, except a pose.
-        on_moved: called with each report of a pose.
+        on_moved: called after each report of a pose.
 
     Attributes:
         chassis: client of the robot.
         gate: sends commands that move the robot, and tells who drives the robot.
+        timing: how long to wait for the robot.
         changed: call it after each event that may change the state of the vehicle, except a pose.
         moved: call it after each report of a pose.
         conditions: conditions of the vehicle that its actions wait for.
@@ -161,8 +162,7 @@ class RobotLink:
     async def ask(self, request: Message, tap: Callable[[Answer], None] | None = None) -> Answer:
         """Send a request that moves nothing, and return the answer; see `ChassisClient.request`.
 
-        Args:
-            tap: called with the answer, in order with the reports of the robot.
+        `tap` is called with the answer before a later report of the robot is handled.
         """
         return await self.chassis.request(self._requests.address(request), tap=tap)
 

@@ -49,7 +49,7 @@ class RobotMaps:
         self._maps: tuple[StoredMap, ...] | None = None
         """All maps; None until they have been read."""
         self._scene = ""
-        """Name of the robot's scene; empty if it has none."""
+        """Name of the robot's scene; empty if it has none, or before its first report."""
         self._marks: dict[tuple[str, str], NodePosition] = {}
         """Positions of the marks, by the id of the map and the number of the mark."""
         self._log = LogOnce(_LOG)
@@ -74,10 +74,9 @@ class RobotMaps:
         )
 
     def find(self, name: str, version: str | None = None) -> list[StoredMap]:
-        """Return the maps with a name and version.
+        """Return the maps with a name, and with a version if it is not None.
 
-        Args:
-            version: version of the map; None for any version. A map of unknown version matches all.
+        A map of unknown version matches any version.
         """
         return [
             each

@@ -18,9 +18,7 @@ from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.vda5050.messages.factsheet import (
     ActionType,
     Factsheet,
-    Kinematics,
     Limits,
-    VehicleClass,
 )
 from woosh_robot_agent.vda5050.messages.state import (
     Battery,
@@ -74,7 +72,7 @@ _MODES = {
 
 
 def robot_status(info: RobotInfo) -> RobotStatus:
-    """Return the state of a robot."""
+    """Return the state of a robot, without its maps and path."""
     return RobotStatus(
         driving=drives(info),
         mode=_operating_mode(info),
@@ -122,7 +120,7 @@ def position(info: RobotInfo) -> Position | None:
 
 
 def velocity(info: RobotInfo) -> Velocity | None:
-    """Return the velocity of the robot; None if it does not report a velocity."""
+    """Return the velocity of the robot; None if it does not report a finite velocity."""
     motion = info.pose_speed.twist
     if not info.pose_speed.HasField("twist"):
         return None
@@ -185,8 +183,8 @@ def serial_number(info: RobotInfo) -> str:
 _MM = 0.001
 """Metres in a millimetre."""
 _CLASSES = {
-    robot.kTractorRobot_500: VehicleClass.TUGGER,
-    robot.kRollerRobot_500: VehicleClass.CONVEYOR,
+    robot.kTractorRobot_500: "TUGGER",
+    robot.kRollerRobot_500: "CONVEYOR",
 }
 """VDA 5050 classes of robots, by the robot's type; all other types are carriers."""
 _DIFFERENTIAL = 0
@@ -213,10 +211,8 @@ def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) 
     return Factsheet(
         series=general.display_model or general.urdf_name,
         description=general.urdf_name,
-        kinematics=Kinematics.DIFFERENTIAL
-        if general.driver_method == _DIFFERENTIAL
-        else Kinematics.OMNIDIRECTIONAL,
-        vehicle_class=_CLASSES.get(general.type, VehicleClass.CARRIER),
+        kinematics="DIFF" if general.driver_method == _DIFFERENTIAL else "OMNI",
+        vehicle_class=_CLASSES.get(general.type, "CARRIER"),
         max_load=float(size.load),
         length=size.length * _MM,
         width=size.width * _MM,

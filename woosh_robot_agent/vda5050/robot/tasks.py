@@ -43,6 +43,7 @@ def leg_task(leg: Leg, position: Position | None) -> ExecTask:
     """Return the task that drives a leg (part of an order without a stop), without its id.
 
     Args:
+        leg: the leg.
         position: position of the robot, from which the heading at a node without `theta` follows;
             None if unknown.
     """
@@ -131,6 +132,7 @@ class TaskRunner:
     A start is never repeated. If the outcome of a task is unknown, the robot is asked.
 
     Args:
+        link: the link to the robot.
         on_end: called when the task has ended, with the reason of a failure; empty after a success.
         on_pause_changed: called when the robot has paused or resumed the task.
 
@@ -356,7 +358,7 @@ class ActionTasks:
         None if no action waits for the task, e.g. for one that goes on charging.
         """
         self._report: Callable[[ActionStatus], None] = lambda status: None
-        """Called with the status of the action that waits for the task."""
+        """Called with the status of the action that waits for the task, or has waited last."""
 
     @property
     def id(self) -> int:
