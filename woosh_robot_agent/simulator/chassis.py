@@ -47,7 +47,7 @@ class Chassis(Robot):
         call_muted: flag that SetMuteCall sets. It only shows in DeviceState.
         program_muted: flag that SetProgramMute sets. It only shows in DeviceState.
         spoken: the last texts that the robot was told to say.
-        lights: settings of the lights, by submodule.
+        lights: last request for each submodule of the lights.
         remote_controller: address of the radio remote controller, and the keys that are held down.
         teleop: remote control.
         follower: following of a leader.
@@ -56,7 +56,7 @@ class Chassis(Robot):
         ownership: starts and resumes jobs.
         auto_tasks: starts the tasks that the robot does by itself.
         mapping: makes maps.
-        deployment: collects marks.
+        deployment: collects marks and other points of the map.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -117,7 +117,7 @@ class Chassis(Robot):
         return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
 
     def begin_request(self, type_name: str) -> None:
-        """Choose when a request is answered, and if its changes are pushed before or after.
+        """Choose `answer_delay` and `state_first` for a request.
 
         Args:
             type_name: full name of the type of the request.
@@ -154,7 +154,7 @@ class Chassis(Robot):
         """Set the pose of the robot in the map.
 
         Raises:
-            RefusedError: the pose is outside the map, or the robot would overlap a wall.
+            RefusedError: the robot cannot stand there; see `require_room`.
         """
         self.require_room(pose)
         self.base.place(pose)
@@ -164,7 +164,7 @@ class Chassis(Robot):
             navigation.replan()
 
     def initialise(self) -> float:
-        """Begin to initialise the robot; return the duration, in seconds."""
+        """Begin to initialise the robot; return how long it will take, in simulated seconds."""
         duration = self.profile.answers.initialisation.sample(self.rng)
         self.readiness.initialised = False
 
@@ -196,11 +196,16 @@ class Chassis(Robot):
         self._check_conditions()
 
     def hold_remote_keys(self, keys: int, address: int) -> None:
-        """Hold down keys of a radio remote controller, one bit for each key; 0 releases all."""
+        """Hold down keys of a radio remote controller, until the next call.
+
+        Args:
+            keys: one bit for each key; 0 releases all keys.
+            address: address of the controller.
+        """
         self.remote_controller = device_pb2.RfRemoteController(address=address, keys=keys)
 
     def lose_localisation(self) -> None:
-        """Lose the localisation. A client must then send the pose."""
+        """Lose the localisation, until a client sends the pose."""
         self.readiness.located = False
         self._check_conditions()
 

@@ -26,7 +26,7 @@ from woosh_robot_agent.simulator.server import SimulatedChassis
 _DISCONNECT_TIMEOUT = 1.0
 """Maximum time for which clients are still served after a signal, in seconds.
 
-The same Ctrl-C may end an agent, which stops the robot before it disconnects.
+The same Ctrl-C may end an agent, which must still be able to stop the robot.
 """
 
 _DASHBOARD = "woosh_robot_agent.tools.dashboard.beside_simulator"
@@ -48,7 +48,7 @@ Without a terminal, `ros2 launch` sends a second SIGINT after the process group 
 
 
 def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
-    """Run a simulated chassis until a signal arrives, or one of the tools, e.g. `--check`.
+    """Run a simulated chassis until a signal arrives; with `--check` or the like, only that tool.
 
     After the signal, the chassis serves its clients until they have disconnected, for a second at
     most. A second signal ends it at once, unless it comes within `_REPEAT_TIME` of the first one.
@@ -59,6 +59,9 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
 
     Returns:
         The exit status: 0, or 1 if the chassis could not start, or the tool failed or found errors.
+
+    Raises:
+        SystemExit: an argument or the scenario is invalid, or the help was printed.
     """
     parser = make_parser()
     options = parser.parse_args(arguments)
@@ -91,7 +94,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
     except (DataFileError, _DashboardError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except BrokenPipeError:  # concerns the output, not a port
+    except BrokenPipeError:  # concerns standard output, not a port; `run_program` handles it
         raise
     except OSError as error:
         reason = error.strerror or str(error)
@@ -148,7 +151,7 @@ class _DashboardError(Exception):
 
 
 async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: int | None) -> None:
-    """Serve clients, and the page if it has a port, until a signal arrives."""
+    """Serve clients until a signal arrives, and the page unless its port is None."""
     loop, stopping = asyncio.get_running_loop(), asyncio.Event()
 
     def on_signal() -> None:
@@ -163,14 +166,7 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
         async with simulator:
             async with AsyncExitStack() as stack:
                 if dashboard_port is not None:
-                    page = _dashboard(simulator, dashboard_port)
-                    try:
-                        url = await stack.enter_async_context(page)
-                    except OSError as error:
-                        raise _DashboardError(
-                            f"cannot serve the page on port {dashboard_port}: "
-                            f"{error.strerror or error}; choose another one: --dashboard PORT"
-                        ) from None
+                    url = await _serve_dashboard(stack, simulator, dashboard_port)
                     print(f"dashboard ready at {url}", flush=True)
                 host = url_host(config.host)
                 print(
@@ -190,11 +186,21 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
         loop.remove_reader(signals.fd)
 
 
-def _dashboard(simulator: SimulatedChassis, port: int) -> AbstractAsyncContextManager[str]:
-    """Return the context in which the page is served; it yields the address of the page."""
+async def _serve_dashboard(stack: AsyncExitStack, simulator: SimulatedChassis, port: int) -> str:
+    """Serve the page until `stack` is closed, and return the address of the page.
+
+    Raises:
+        _DashboardError: the port cannot be used.
+    """
     module = importlib.import_module(_DASHBOARD)
-    context: AbstractAsyncContextManager[str] = module.dashboard_beside(simulator, port)
-    return context
+    page: AbstractAsyncContextManager[str] = module.dashboard_beside(simulator, port)
+    try:
+        return await stack.enter_async_context(page)
+    except OSError as error:
+        raise _DashboardError(
+            f"cannot serve the page on port {port}: {error.strerror or error}; choose another "
+            "one: --dashboard PORT"
+        ) from None
 
 
 def _port(text: str) -> int:

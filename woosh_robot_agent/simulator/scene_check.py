@@ -24,11 +24,11 @@ from woosh_robot_agent.simulator.world.planner import PATH_MARGIN, SearchBudgetE
 
 
 def check_scene(path: Path, profile: Profile) -> list[str]:
-    """Return the errors in a scene, a line for each error.
+    """Return a line for each error in a scene; an empty list if there is none.
 
     Args:
         path: folder or file of the scene, as for `load_scene`.
-        profile: the robot that is to drive there.
+        profile: profile of the robot that is to drive there.
     """
     try:
         is_robot_folder = (path / SCENE_INDEX).is_file()
@@ -42,7 +42,7 @@ def check_scene(path: Path, profile: Profile) -> list[str]:
 
 
 def _unreadable_files(folder: Path) -> Iterator[str]:
-    """Yield the error of each file in the folder of a robot's scene that cannot be read."""
+    """Yield an error for each file in a robot's folder that is invalid or of an unnamed map."""
     files = read_robot_folder(folder)
     maps = robot_files.map_names(files[SCENE_INDEX])
     yield from _errors_of(lambda: robot_files.read_groups(files.get(ACTION_GROUPS, b"")))
@@ -79,7 +79,10 @@ def _errors_of(read: Callable[[], object]) -> list[str]:
 
 
 def _unusable_places(scene: Scene, profile: Profile) -> Iterator[str]:
-    """Yield what a robot cannot use in a scene: the start, marks and tasks."""
+    """Yield an error for each part of a scene that a robot cannot use: start, marks and tasks.
+
+    Only the marks on the map of the start must be reachable.
+    """
     first, pose = start_place(scene)
     outline = hull(profile.model.outline)
     if not first.contains(*pose.point) or first.gap(outline, pose) < 0.0:
@@ -108,13 +111,14 @@ def _can_drive(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
 
 
 def _unusable_tasks(scene: Scene) -> Iterator[str]:
-    """Yield the types of tasks without actions, and the tasks whose marks are on no map."""
+    """Yield an error for each task type without actions, and for each task of an unknown mark."""
     for kind in task_pb2.Type.values():
         if kind and not scene.action_groups.numbers(kind):  # 0 is the undefined type
             yield f"{ACTION_GROUPS}: it has no actions for tasks of type {kind}"
     marks = {number for area in scene.maps for number in area.marks}
-    sets = [each.task_set for each in scene.predefined.repeat_tasks]
-    for task_set in [*sets, *(each.task_set for each in scene.calls.call_tasks)]:
+    task_sets = [each.task_set for each in scene.predefined.repeat_tasks]
+    task_sets += [each.task_set for each in scene.calls.call_tasks]
+    for task_set in task_sets:
         for task in task_set.tasks:
             if task.base.mark_no not in marks:
                 yield (

@@ -76,7 +76,8 @@ def own_domain() -> Iterator[int]:
 def inherited_lock(domain: int) -> tuple[int, ...]:
     """Return the file descriptors that a child process in a domain must inherit.
 
-    They keep the domain in use for as long as the process runs, even if the test is killed.
+    They keep the domain in use for as long as the process runs, even if the test is killed. There
+    are none if the domain is not one of `own_domain`.
     """
     return (_locks[domain].fileno(),) if domain in _locks else ()
 
@@ -96,7 +97,7 @@ class Spinner:
     An exception of a callback ends the spinning; `stop` raises it again.
 
     Args:
-        executor: the executor; its nodes are added by the caller.
+        executor: the executor, to which the caller adds the nodes.
     """
 
     def __init__(self, executor: Any) -> None:
@@ -251,7 +252,7 @@ class AgentProcess:
         domain: ROS_DOMAIN_ID of the agent.
         namespace: namespace of the agent.
         process: the process.
-        lines: lines that the agent has logged.
+        lines: lines that the agent has logged so far, each with its line end.
     """
 
     # Subclasses may override the module to run, and options of `subprocess.Popen`.
@@ -291,7 +292,7 @@ class AgentProcess:
             times: number of occurrences since the start of the agent.
 
         Raises:
-            AssertionError: the text was not logged within 60 s, or the agent has ended.
+            AssertionError: the text was not logged within 60 s, or the agent ended without it.
         """
 
         def is_logged() -> bool:
@@ -349,11 +350,13 @@ def running_agent(
             this process, which starts faster and can be debugged.
         domain: ROS_DOMAIN_ID of the agent; by default a new one from `own_domain`.
         namespace: namespace of the agent.
-        parameters: parameters of the agent; by default, `ip` and `port` lead to `chassis`.
+        parameters: parameters of the agent, e.g. `transport="tcp"`; by default, `ip` and `port`
+            lead to `chassis`. In this process, also fields of `LinkConfig`.
 
     Raises:
-        AssertionError: the agent did not connect within 60 s.
-        ValueError: a parameter is invalid.
+        AssertionError: the agent did not connect within 60 s, or its process has ended.
+        RuntimeError: all domains for tests are in use.
+        ValueError: a parameter is invalid, and the agent runs in this process.
     """
     tcp = parameters.get("transport") == "tcp"
     link: dict[str, Any] = {"ip": "127.0.0.1", "port": chassis.tcp_port if tcp else chassis.port}

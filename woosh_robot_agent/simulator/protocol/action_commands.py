@@ -42,7 +42,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 
 @command(pack.Twist)
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
-    """Drive by remote control. A velocity of zero stops everything that drives."""
+    """Drive by remote control. A velocity of zero stops everything that drives, in any mode."""
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
         driver = chassis.ownership.driver
@@ -248,12 +248,12 @@ _JOBS: dict[str, Callable[[Chassis, Any], Job]] = {
     "charge_control": _charge_control,
     "move_base": _move_base,
 }
-"""Functions that make the job of an action, by the name of its field in CallAction."""
+"""Functions that make the job of an action, by its field in CallAction; `nav_mode` has no job."""
 
 
 @query(pack.PlanNavPath)
 def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
-    """Return the path that a navigation would take, without driving."""
+    """Return the path that a navigation would take, without driving; by default from the robot."""
     if not request.HasField("end"):
         raise RefusedError("PlanNavPath has no end: give the pose to plan a path to")
     if request.tolerance < 0.0:

@@ -62,7 +62,7 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     """Convert messages to poses.
 
     Raises:
-        RefusedError: there are more than `MAX_POSES` messages.
+        RefusedError: there are more than `MAX_POSES` poses.
     """
     converted = [pose(message) for message in messages]
     if len(converted) > MAX_POSES:
@@ -114,10 +114,10 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
 
 
 def require_map_changeable(chassis: Chassis) -> None:
-    """Check that the current map may change: nothing runs or is paused that depends on it.
+    """Check that the current map may change: nothing that depends on it runs or is paused.
 
     Raises:
-        RefusedError: a task, an action or a navigation runs or is paused.
+        RefusedError: a task runs or is paused, an action drives, or a navigation is paused.
     """
     # A paused task or navigation would continue to a target on the old map.
     if chassis.tasks.paused:
@@ -131,10 +131,10 @@ def require_map_changeable(chassis: Chassis) -> None:
 
 
 def usable_speed(speed: float, minimum: float) -> float:
-    """Return the absolute value of a requested speed, where 0 stands for the default.
+    """Return the absolute value of a requested speed; 0, which stands for the default, stays 0.
 
     Raises:
-        RefusedError: the speed is less than `minimum`.
+        RefusedError: the speed is slower than `minimum`, but not 0.
     """
     if 0.0 < abs(speed) < minimum:
         raise RefusedError(

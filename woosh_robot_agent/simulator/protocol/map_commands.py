@@ -62,7 +62,9 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
 
 
 def _scene_of_map(chassis: Chassis, map_name: str) -> str:
-    """Return the name of the scene with a map: the current scene, unless only another one has it.
+    """Return the name of the scene that has a map.
+
+    That is the current scene if it has the map, or if no scene has it, or if no map is named.
 
     Raises:
         RefusedError: the current scene does not have the map, and several others have it.
@@ -132,7 +134,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
 
 @command(map_pack_pb2.Delete)
 def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
-    """Delete a scene, or one map of it; of the current scene if none is named."""
+    """Delete a scene, or one map of a scene: of the current one if no scene is named."""
     if not request.scene_name and not request.map_name:
         raise RefusedError(refusals.NO_NAME, field="scene_name")
     scene = named_scene(chassis, request.scene_name)
@@ -153,17 +155,21 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
 
 
 def _require_idle(chassis: Chassis) -> None:
-    """Check that the robot does nothing that a change of the current map would disturb.
+    """Check that the current map may change, and that no map is being made.
 
     Raises:
-        RefusedError: a task, an action or a navigation runs or is paused, or a map is being made.
+        RefusedError: the map must not change now.
     """
     require_map_changeable(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
 
 
 def _old_scene(chassis: Chassis, name: str) -> Scene | None:
-    """Return the scene that an upload changes, or None if the upload adds a scene."""
+    """Return the scene that an upload changes, or None if the upload adds a scene.
+
+    Raises:
+        RefusedError: there are too many scenes to add another one.
+    """
     old = chassis.scenes.get(name)
     if not old and len(chassis.scenes) >= MAX_SCENES:
         raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
@@ -201,7 +207,7 @@ def _scene_md5s(scene: Scene) -> map_pack_pb2.SceneFileMD5:
 
 @query(map_pack_pb2.SceneSync)
 def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
-    """Return the requested files of the scenes, each once per scene."""
+    """Return the requested files, each once per scene."""
     # By scene and file name, because files of two scenes may have the same name.
     files_of_scenes: dict[tuple[str, str], bytes] = {}
     for wanted in request.scenes:

@@ -39,7 +39,7 @@ _MAX_FOLDERS = 4
 """Maximum number of folders in the path of a file."""
 
 _PICTURES = (".png", ".pgm")
-"""Ends of the names of pictures."""
+"""Suffixes of the file names of pictures."""
 
 
 def updated_scene(
@@ -115,12 +115,14 @@ def _read_upload(
 
 
 def _successor(area: Map, before: Map, *, whole: bool) -> Map:
-    """Return an uploaded map with its version, and with what the robot knows of the old map.
+    """Return an uploaded map with its new version, and with what the robot knows of the old map.
+
+    That is where the real walls are, and, if it is not in the upload, the pose at the end.
 
     Args:
         area: the map as its files describe it.
         before: the old map, which it replaces.
-        whole: True if all files of the scene are uploaded.
+        whole: True if all files of a robot's folder are uploaded.
     """
     if not whole:
         area = dataclasses.replace(area, end=area.end or before.end)
@@ -135,9 +137,12 @@ def _successor(area: Map, before: Map, *, whole: bool) -> Map:
 
 
 def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
-    """Return the name of the first uploaded map of map_server, empty if there is none."""
+    """Return the name of the scene's first map that is an uploaded one of map_server.
+
+    It is empty if there is none, or if `scene.yaml` lists the maps.
+    """
     names = {file.name for file in upload}
-    if SCENE_FILE in names:  # which lists the maps
+    if SCENE_FILE in names:
         return ""
     stems = {PurePosixPath(name).stem for name in names if "/" not in name}
     return next((each.name for each in scene.maps if each.grid and each.name in stems), "")
@@ -192,7 +197,7 @@ def merge_files(
 
 
 def _reader(files: Mapping[str, bytes], used: set[str]) -> Callable[[str], bytes]:
-    """Return a function that reads one of `files`, and adds its name to `used`."""
+    """Return a function that returns one of `files`, and adds its name to `used`."""
 
     def read(name: str) -> bytes:
         try:

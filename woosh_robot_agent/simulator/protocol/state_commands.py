@@ -31,10 +31,10 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.timeline import copy_of
 
 _MAX_NAME = 100
-"""Maximum length of the robot's name."""
+"""Maximum length of the robot's name, in characters."""
 
 _MAX_HOST = 253
-"""Maximum length of a host name."""
+"""Maximum length of a host name, in characters."""
 
 
 def _check_length(field: str, text: str, most: int) -> None:
@@ -62,6 +62,7 @@ def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
 def _set_permission(field: str) -> Handler:
     """Return the handler of a request that sets one of the permissions in the settings."""
 
+    # The other requests of this kind have the same field as AutoCharge.
     def handle(chassis: Chassis, request: setting_pb2.AutoCharge) -> Result:
         setattr(chassis.setting.allow, field, request.allow)
         return copy_of(request)
@@ -99,7 +100,7 @@ def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
 
 
 _MAX_SPEECH = 1000
-"""Number of characters of a spoken text that are kept."""
+"""Number of characters of a spoken text that are kept; the rest is cut off."""
 
 _MAX_LIGHT = 15
 """Maximum number of a submodule of the lights. The schema does not say which submodules exist."""
@@ -280,16 +281,34 @@ for _request, _report in {
 
 
 _PAGE_SIZE = 100
-"""Number of records of a page."""
+"""Maximum number of records of a page."""
 
 _Count = pack.CountData
 
 
 @query(pack.CountData)
 def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
-    """Return a page of the records of the requested kinds and their number, or records by id."""
+    """Return records by their ids, or else a page of the records of a time span.
+
+    The quantities count all matching records, also those on other pages.
+    """
+    _check_count_request(request)
     statistics = chassis.statistics
     statistics.update()
+    days = _matching(request, _Count.kOperation, statistics.days, request.operation_id)
+    tasks = _matching(request, _Count.kTask, statistics.tasks, request.task_id)
+    statuses = _matching(request, _Count.kStatus, statistics.statuses, request.status_id)
+    return pack.CountDataResponse(
+        operations=count_pb2.Operations(ops=_page(request, days, request.operation_page)),
+        tasks=count_pb2.Tasks(ts=_page(request, tasks, request.task_page)),
+        abnormals=count_pb2.Abnormals(ss=_page(request, statuses, request.status_page)),
+        operation_qty=len(days),
+        task_qty=len(tasks),
+        abnormal_qty=len(statuses),
+    )
+
+
+def _check_count_request(request: pack.CountData) -> None:
     if request.req_type not in (_Count.kGet, _Count.kSync):
         raise RefusedError(f"unknown request type {request.req_type}: 0 is get, 1 synchronise")
     if request.count_type not in _Count.CountType.values():
@@ -297,45 +316,35 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
             f"unknown kind of statistics {request.count_type}: 0 is all, 1 operation, 2 task, "
             "3 status"
         )
-    pages = (request.operation_page, request.task_page, request.status_page)
-    if min(pages) < 0:
-        raise RefusedError(f"page {min(pages)} is negative: count pages from 0")
-    first, last = request.bucket.start, request.bucket.end or math.inf  # 0: no end
-    if last < first:
+    page = min(request.operation_page, request.task_page, request.status_page)
+    if page < 0:
+        raise RefusedError(f"page {page} is negative: count pages from 0")
+    first, last = request.bucket.start, request.bucket.end
+    if last and last < first:  # an end of 0 is no end
         raise RefusedError(f"the time span from {first} to {last} ends before it starts")
 
-    def wanted(kind: int, record: Any, ids: Sequence[int]) -> bool:
-        """Return True if the client wants a record of `kind`; `ids` are the ids that it names."""
-        if request.req_type == _Count.kSync:
-            return record.id in ids
-        span = record.buckets[0] if kind == _Count.kOperation else record.bucket
-        overlaps = span.start <= last and (span.end or math.inf) >= first
-        return overlaps and request.count_type in (_Count.kAll, kind)
 
-    kinds: tuple[tuple[int, Iterable[Any], Sequence[int]], ...] = (
-        (_Count.kOperation, statistics.days, request.operation_id),
-        (_Count.kTask, statistics.tasks, request.task_id),
-        (_Count.kStatus, statistics.statuses, request.status_id),
-    )
-    matching = [
-        [each for each in records if wanted(kind, each, ids)] for kind, records, ids in kinds
-    ]
-    shown = matching
-    if request.req_type == _Count.kGet:
-        shown = [
-            each[page * _PAGE_SIZE : (page + 1) * _PAGE_SIZE]
-            for each, page in zip(matching, pages, strict=True)
-        ]
-    days, tasks, statuses = shown
-    day_count, task_count, status_count = map(len, matching)
-    return pack.CountDataResponse(
-        operations=count_pb2.Operations(ops=days),
-        tasks=count_pb2.Tasks(ts=tasks),
-        abnormals=count_pb2.Abnormals(ss=statuses),
-        operation_qty=day_count,
-        task_qty=task_count,
-        abnormal_qty=status_count,
-    )
+def _matching(
+    request: pack.CountData, kind: int, records: Iterable[Any], ids: Sequence[int]
+) -> list[Any]:
+    """Return the records of one kind that a client wants; `ids` are the ids that it names."""
+    if request.req_type == _Count.kSync:
+        return [each for each in records if each.id in ids]
+    if request.count_type not in (_Count.kAll, kind):
+        return []
+    first, last = request.bucket.start, request.bucket.end or math.inf
+    wanted = []
+    for each in records:
+        span = each.buckets[0] if kind == _Count.kOperation else each.bucket
+        if span.start <= last and (span.end or math.inf) >= first:  # an end of 0 is no end
+            wanted.append(each)
+    return wanted
+
+
+def _page(request: pack.CountData, records: list[Any], page: int) -> list[Any]:
+    """Return a page of records, or all records that a client has named."""
+    is_by_id = request.req_type == _Count.kSync
+    return records if is_by_id else records[page * _PAGE_SIZE : (page + 1) * _PAGE_SIZE]
 
 
 @query(count_pb2.Operation)
@@ -345,7 +354,7 @@ def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
 
 
 def _answer_with_last(records: Callable[[Chassis], Sequence[Message]]) -> Handler:
-    """Return the handler that answers with the last record; without records, with an empty one."""
+    """Return the handler that answers with the last record, or else with an empty one."""
 
     def handle(chassis: Chassis, request: Any) -> Result:
         found = records(chassis)

@@ -64,7 +64,8 @@ def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
     """Return the target mark of a task, or the job that drives to another target.
 
     Clients may send all three kinds of targets, with the unused ones empty: a mark takes precedence
-    over a path, and a path over a pose. A charge task without target leads to the nearest charger.
+    over a path, and a path over a pose. A charge task whose pose is missing or empty leads to the
+    nearest charger.
 
     Raises:
         RefusedError: the task has no usable target.
@@ -90,7 +91,11 @@ def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
 
 
 def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
-    """Return the poses of a path, and True if the robot must drive straight between them."""
+    """Return the poses of a path, and True if the robot must drive straight between them.
+
+    Raises:
+        RefusedError: the path has no poses, or more than `MAX_POSES`.
+    """
     strict = all(segment.optimal == navigation_pb2.PlanPath.kStrict for segment in path.plan_path)
     route: list[Pose] = []
     for segment in path.plan_path:
@@ -152,7 +157,7 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
 
 
 _MAX_REPEATS = 100
-"""Maximum number of repetitions of a task set."""
+"""Maximum number of times that a task set is run."""
 
 _MAX_SETS = 200
 """Maximum number of predefined task sets of a scene."""
@@ -187,7 +192,7 @@ def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
         return _put(chassis, request)
     if request.order == RepeatTask.kDel:
         return _delete(chassis, request)
-    # Older clients know no order: for them, the request runs a task set.
+    # Older clients set no order: for them, the request runs a task set.
     if request.order in (RepeatTask.kExec, RepeatTask.kOrderUndefined):
         return _exec(chassis, request)
     raise RefusedError(f"unknown order {request.order}: 1 is put, 2 delete, 3 execute")
@@ -195,7 +200,7 @@ def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
 
 @command(AddTask)
 def _add_task(chassis: Chassis, request: AddTask) -> Result:
-    """Run a task set once. There is no queue: AddTask is refused in the same cases as ExecTask."""
+    """Run a task set once. It is refused in the same cases as ExecTask: there is no queue."""
     chassis.readiness.require_ready()
     _check_size(request)
     _start(chassis, _checked_set(chassis, request.tset), 1)
@@ -203,7 +208,7 @@ def _add_task(chassis: Chassis, request: AddTask) -> Result:
 
 
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
-    """Add or replace a predefined task set; return the stored set."""
+    """Add a predefined task set, or replace the one with the same id; return the stored set."""
     sets = {each.task_set.base.id: each for each in chassis.scene.predefined.repeat_tasks}
     kept = copy_of(request)
     kept.ClearField("order")
@@ -223,10 +228,10 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
 
 def _delete(chassis: Chassis, request: RepeatTask) -> Result:
     """Delete a predefined task set. A running task set goes on."""
-    number = request.task_set.base.id
-    _predefined(chassis, number)  # refuses a number that is unknown
+    id_ = request.task_set.base.id
+    _predefined(chassis, id_)  # refuses an unknown id
     sets = chassis.scene.predefined.repeat_tasks
-    kept = [each for each in sets if each.task_set.base.id != number]
+    kept = [each for each in sets if each.task_set.base.id != id_]
     set_predefined(chassis.scene, kept)
     return None
 
@@ -249,9 +254,7 @@ def _check_size(request: Message) -> None:
 
 
 def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
-    """Return a checked copy of a task set, with an id.
-
-    The tasks are numbered if none of them has an id.
+    """Return a checked copy of a task set. It has ids where `given` has none.
 
     Raises:
         RefusedError: the set or one of its tasks is invalid.
@@ -262,21 +265,21 @@ def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
     return task_set
 
 
-def _predefined(chassis: Chassis, number: int) -> RepeatTask:
+def _predefined(chassis: Chassis, id_: int) -> RepeatTask:
     """Return the predefined task set with an id.
 
     Raises:
         RefusedError: there is no such task set.
     """
     for repeat in chassis.scene.predefined.repeat_tasks:
-        if repeat.task_set.base.id == number:
+        if repeat.task_set.base.id == id_:
             return repeat
     known = ", ".join(str(each.task_set.base.id) for each in chassis.scene.predefined.repeat_tasks)
-    raise RefusedError(refusals.UNKNOWN_TASK_SET, task_set=number, task_sets=known or "none")
+    raise RefusedError(refusals.UNKNOWN_TASK_SET, task_set=id_, task_sets=known or "none")
 
 
 def _number_and_check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
-    """Check the tasks of a set, and number them if none of them has an id.
+    """Check a task set and its tasks, and number the tasks if none of them has an id.
 
     Raises:
         RefusedError: there are no or too many tasks, an id is invalid or used twice, a mark is
@@ -310,14 +313,14 @@ def _require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
     """Check that a mark can be the target of a task of a type.
 
     Raises:
-        RefusedError: the mark does not suit this type of task.
+        RefusedError: the task is a charge task, and the mark is not a charger.
     """
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
         raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
 
 
 def _checked_times(times: int) -> int:
-    """Return a number of repetitions, where 0 stands for one.
+    """Return how often to run a task set; 0 in a request stands for once.
 
     Raises:
         RefusedError: the number is negative or too large.
@@ -329,18 +332,18 @@ def _checked_times(times: int) -> int:
 
 def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
     """Start a task set and run it `times` times, at most `_MAX_REPEATS`."""
-    number = task_set.base.id
+    set_id = task_set.base.id
     bases = [task.base for _ in range(min(times, _MAX_REPEATS)) for task in task_set.tasks]
-    chassis.ownership.start_tasks([_task_order(chassis, number, base) for base in bases])
+    chassis.ownership.start_tasks([_task_order(chassis, set_id, base) for base in bases])
 
 
-def _task_order(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
+def _task_order(chassis: Chassis, set_id: int, base: task_pb2.TaskBase) -> TaskOrder:
     mark = named_mark(chassis, base.mark_no)
     _require_suitable(mark, base.type)
     actions = task_actions(chassis, base.type, base.type_no)
     jobs = partial(_jobs, chassis, mark, actions, base)
     # Clients find the set in the id of its tasks: the last two digits are the task.
-    return TaskOrder(task_set * 100 + base.id, base.type, base.mark_no, jobs)
+    return TaskOrder(set_id * 100 + base.id, base.type, base.mark_no, jobs)
 
 
 def _jobs(

@@ -37,9 +37,11 @@ _TYPES = [number for number in task_pb2.Type.values() if number]
 class Action:
     """An action of a task.
 
+    Only waits use the `wait_` attributes, and only steps the `stepctrl_` ones.
+
     Attributes:
         action: the `woosh.action.Type`.
-        wait_id: number of a wait, which TaskProc reports.
+        wait_id: number of a wait, which TaskProc reports; 0 for its position among the waits.
         wait_time: duration of a wait, in seconds.
         stepctrl_type: kind of a step: 0 is straight, 1 a turn.
         stepctrl_value: distance of a step in metres, or its angle in radians.
@@ -63,7 +65,7 @@ class ActionGroup:
     Attributes:
         type: the `woosh.task.Type`.
         no: the number, as `task_type_no` in ExecTask.
-        order: the actions.
+        order: the actions, in the order in which they are executed.
     """
 
     type: Annotated[int, _check_type]
@@ -83,8 +85,8 @@ class ActionGroups:
     """The table of a scene.
 
     Attributes:
-        data: content of the file.
-        groups: groups of the table.
+        data: content of the file, as it was read.
+        groups: groups of the table, each with another type or number.
     """
 
     data: bytes
@@ -96,7 +98,7 @@ class ActionGroups:
         return next(orders, None)
 
     def numbers(self, kind: int) -> Collection[int]:
-        """Return the numbers of the tasks of a type."""
+        """Return the numbers of all groups of a type; empty if there are none."""
         return [each.no for each in self.groups if each.type == kind]
 
 

@@ -20,7 +20,7 @@ from woosh_robot_agent.simulator.world.geometry import Point, Pose
 from woosh_robot_agent.simulator.world.maps import Map
 
 _ADDED_FOLDERS = ("nav2", "marks")
-"""Folders that `maps download` adds to those of the robot."""
+"""Folders that `maps download` adds to those of the robot, unless a map has this name."""
 
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 """Maximum size of a file, in bytes."""
@@ -56,9 +56,9 @@ def load_scene(path: Path) -> Scene:
 
 
 def read_robot_folder(folder: Path) -> dict[str, bytes]:
-    """Return the files in a robot's folder of a scene, by the robot's name for them.
+    """Return the files in a robot's folder of a scene, by path as the robot names them.
 
-    Hidden entries of the folder, and the folders that the program `maps` adds, are left out.
+    Hidden entries of the folder, and the folders that `maps download` adds, are left out.
 
     Raises:
         DataFileError: a file cannot be read.
@@ -86,7 +86,7 @@ def read_handwritten_scene(
     Args:
         name: name of the scene.
         names: names of the files.
-        read: returns the content of a file.
+        read: reads one of the files.
         use_own_name: True to prefer the name in `scene.yaml`, if it has one.
 
     Raises:
@@ -136,7 +136,10 @@ def start_place(scene: Scene) -> tuple[Map, Pose]:
 
 
 def _free_place(area: Map) -> Point:
-    """Return the origin or a mark if there is room, or the roomiest place of the grid."""
+    """Return the origin or a mark if there is room, or else the roomiest place of a grid.
+
+    Without a grid, return the origin.
+    """
     for point in ((0.0, 0.0), *(mark.pose.point for mark in area.marks.values())):
         if area.contains(*point) and area.clearance(*point) >= _START_CLEARANCE:
             return point

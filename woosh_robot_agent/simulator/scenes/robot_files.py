@@ -58,10 +58,10 @@ MAX_MARKS = 5000
 """Maximum number of marks of a map."""
 
 MAX_TASKS = 200
-"""Maximum number of task sets of one kind, and of tasks in a set."""
+"""Maximum number of predefined task sets, of sets of call buttons, and of tasks in a set."""
 
 _MAX_PIXELS = 32 * 1024 * 1024
-"""Maximum size of all pictures of a scene together. Reading pictures blocks the simulator."""
+"""Maximum number of pixels of all maps of a scene. Reading pictures blocks the simulator."""
 
 _MAX_SIDE = 500.0
 """Maximum length of a side of a map, in metres."""
@@ -86,7 +86,7 @@ def check_map_name(name: str) -> None:
     """Check that a name can be the name of a map and of its folder.
 
     Raises:
-        ValueError: the name is a path, or not a plain file name.
+        ValueError: the name is not a plain file name.
     """
     if not is_plain(name):
         raise ValueError(f"{name!r} must be a name that is not a path")
@@ -114,7 +114,7 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
 
     Args:
         name: name of the scene.
-        files: all files of the scene, by path.
+        files: all files of the scene, by path; the index must be among them.
         old: the scene before a change; None for a new scene. A map whose pictures have not changed
             keeps its walls and its grid: read from pictures, it would have a grid only.
 
@@ -157,7 +157,7 @@ def _index(data: bytes) -> _Index:
 
 
 def read_groups(data: bytes) -> ActionGroups:
-    """Read the table of the tasks' actions; the default if the file is empty.
+    """Read the table of the tasks' actions; the default if the file is empty or missing (b"").
 
     Raises:
         DataFileError: the file cannot be used.
@@ -166,12 +166,13 @@ def read_groups(data: bytes) -> ActionGroups:
 
 
 def _same_pictures(name: str, files: Mapping[str, bytes], before: Mapping[str, bytes]) -> bool:
+    """Return True if the pictures of the map called `name` have not changed."""
     paths = [f"{name}/{each}" for each in PICTURES]
     return all(files.get(path) == before.get(path) for path in paths)
 
 
 def _map(entry: _MapEntry, files: Mapping[str, bytes]) -> Map:
-    """Read one map."""
+    """Read one map from the files of its scene."""
     grid = read_map_picture(entry.name, files)
     grid.keep_out = read_map_keepout(entry.name, files, grid)
     check_sides(entry.source, grid.low, grid.high)
@@ -180,7 +181,7 @@ def _map(entry: _MapEntry, files: Mapping[str, bytes]) -> Map:
 
 
 def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
-    """Read the cells of the map called `name` from the files of its scene.
+    """Read the cells of the map called `name` from the files of its scene, without keep-out areas.
 
     Raises:
         DataFileError: a file is missing, or cannot be used.
@@ -200,7 +201,7 @@ def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
 
 
 def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepOut | None:
-    """Read the keep-out cells of a map; None if there is no file of keep-out areas.
+    """Read the keep-out cells of a map; None if the file of keep-out areas is missing or empty.
 
     Args:
         name: name of the map.
@@ -233,10 +234,10 @@ def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
 
 
 def check_unused_files(name: str, files: Mapping[str, bytes]) -> None:
-    """Check the files of a map that SceneData contains and the robot does not use.
+    """Check the files of a map that the robot does not use, but sends in SceneData.
 
     Raises:
-        DataFileError: a file cannot be read.
+        DataFileError: a file is not a serialised message of its type.
     """
     for file, cls in ((NAV_AREA, field_pb2.FieldInfo), (PATH_INFO, path_pb2.PathInfo)):
         path = f"{name}/{file}"
@@ -244,10 +245,10 @@ def check_unused_files(name: str, files: Mapping[str, bytes]) -> None:
 
 
 def check_pixels(where: str, maps: Iterable[Map]) -> None:
-    """Check the total size of the pictures of a scene; `where` is the last map's place, for errors.
+    """Check the pixels of all maps read so far; `where` is the last map's place, for errors.
 
     Raises:
-        DataFileError: the pictures are too large.
+        DataFileError: there are too many pixels.
     """
     if sum(each.grid.cells.size for each in maps if each.grid) > _MAX_PIXELS:
         text = f"the pictures of the scene have more than {_MAX_PIXELS} pixels in total"
@@ -255,7 +256,7 @@ def check_pixels(where: str, maps: Iterable[Map]) -> None:
 
 
 def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None:
-    """Check the size of a map; `where` is its place in the file, for errors.
+    """Check the size of a map from its corners; `where` is its place in the file, for errors.
 
     Raises:
         DataFileError: the map is empty or too large.
@@ -289,7 +290,7 @@ _M = TypeVar("_M", bound=Message)
 
 
 def read_task_info(name: str, data: bytes) -> woosh_task_pb2.TaskInfo:
-    """Read a file with the tasks of a scene.
+    """Read a file with the task sets of a scene.
 
     Raises:
         DataFileError: the file cannot be used.

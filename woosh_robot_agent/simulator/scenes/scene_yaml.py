@@ -4,7 +4,7 @@
 angles in radians, poses are [x, y, theta].
 
 Without `scene.yaml`, each map of map_server in the folder becomes a map of the scene, named after
-its YAML file. Its marks come from a file NAME.mark_info.data, if there is one.
+its YAML file and without marks.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class StepEntry:
     Attributes:
         mark: number of the target mark.
         type: kind of task.
-        direction: direction of a task that carries goods.
+        direction: direction of a task that carries goods; default: none.
         wait: time to wait after the task, in seconds; -1 until a client tells it to continue.
         source: file and place of the entry, for errors; not a key of the file.
     """
@@ -220,8 +220,8 @@ def read_scene_yaml(name: str, read: FileReader, *, use_own_name: bool) -> Scene
 
     Args:
         name: name of the scene.
-        read: returns the content of a file.
-        use_own_name: True to prefer the name in the file, if there is one.
+        read: reads `scene.yaml` and the files that it names.
+        use_own_name: True to prefer the name in `scene.yaml`, if it has one.
 
     Raises:
         DataFileError: a file cannot be used.
@@ -231,7 +231,11 @@ def read_scene_yaml(name: str, read: FileReader, *, use_own_name: bool) -> Scene
 
 
 def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
-    """Read the maps of map_server among some files.
+    """Read the maps of map_server among some files: YAML files with a key `image`.
+
+    Args:
+        names: names of the files.
+        read: reads one of the files.
 
     Raises:
         DataFileError: a file cannot be used.
@@ -254,7 +258,7 @@ def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
 
 def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
     maps: list[Map] = []
-    # From 1, because robots report the map id 0 with a pose that belongs to no map.
+    # Ids start from 1, because robots report the map id 0 with a pose that belongs to no map.
     given = [each.id for each in entry.maps]
     free_ids = (number for number in count(1) if number not in given)
     for each in entry.maps:
@@ -287,11 +291,11 @@ def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Ma
     Args:
         entry: the entry.
         id_: id of the map.
-        read: returns the content of a file.
-        content: content of the file `image`, None to read it.
+        read: reads a file of the scene.
+        content: content of the YAML file `image`; None to read it.
     """
     walls = tuple(_walls(entry))
-    if len(walls) > _MAX_WALLS:
+    if len(walls) > _MAX_WALLS:  # a polyline has several walls
         text = f"{len(walls)} walls are more than {_MAX_WALLS}"
         raise DataFileError(f"{entry.source}.walls: {text}")
     marks = _marks(entry)

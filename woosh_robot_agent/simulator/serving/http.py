@@ -58,7 +58,7 @@ _CODEC = _HttpCodec(defaults=True)  # writes fields with default values too, as 
 
 
 class HttpTransport:
-    """A `ServerTransport` for one HTTP call, whose only frame is the body of the response.
+    """A `ServerTransport` for one HTTP call. Its only frame is the body of the response.
 
     Args:
         connection: the connection.
@@ -66,7 +66,8 @@ class HttpTransport:
 
     Attributes:
         peer: address of the client.
-        response: done when the response is known, or has been written by `send_raw`.
+        response: done when the response is known. If `send_raw` has already written it, an empty
+            one, which goes nowhere.
     """
 
     def __init__(self, connection: HttpConnection, status: HTTPStatus) -> None:
@@ -75,7 +76,7 @@ class HttpTransport:
         self._connection = connection
         self._status = status
         self._left = 0
-        """Number of bytes of a raw response that have not been written."""
+        """Number of bytes of a raw response that have not been written; set by `header`."""
 
     def backlog(self) -> int:
         return self._connection.transport.get_write_buffer_size()
@@ -147,7 +148,7 @@ class HttpCalls:
     async def respond(
         self, request: web.BaseRequest, connection: HttpConnection
     ) -> web.StreamResponse:
-        """Answer an HTTP request."""
+        """Answer an HTTP request: execute a POST, and describe the server in answer to a GET."""
         await self._wait_readable()
         if request.method in ("GET", "HEAD"):
             about = _ABOUT.format(robot=self._config.robot_id, host=request.host)
@@ -185,7 +186,7 @@ class HttpCalls:
     async def _execute(
         self, connection: HttpConnection, name: str, data: bytes
     ) -> web.StreamResponse:
-        """Execute the request of the type `name`, and return its response."""
+        """Execute the request of the type `name` with the body `data`, and return its response."""
         handler, status = self._handler, HTTPStatus.OK
         message, reason = None, ""
         if name not in HANDLERS:
@@ -208,7 +209,9 @@ class HttpCalls:
         finally:
             handler.leave(client)
             writing.cancel()
-        return transport.response.result() if transport.response.done() else web.Response()
+        if not transport.response.done():  # the client has gone
+            return web.Response()
+        return transport.response.result()
 
 
 def _refusal(status: HTTPStatus, text: str, **headers: str) -> web.Response:
