@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from google.protobuf.message import Message
+
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
@@ -64,13 +66,12 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
 
 
 @command(pack.Follow)
-def _follow(chassis: Chassis, request: pack.Follow) -> Result:
+def _follow(chassis: Chassis, request: pack.Follow) -> None:
     if request.type:  # a flag: follow or stop following
         chassis.readiness.require_ready()
         chassis.ownership.follow()
     else:
         chassis.follower.active = False
-    return None
 
 
 _MAX_STEPS = 1000
@@ -87,7 +88,7 @@ _Lift3 = action_pb2.LiftControl3
 
 
 @command(ros_pack_pb2.CallAction)
-def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
+def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> None:
     """Execute, cancel, pause or resume an action, or set the navigation mode."""
     field = request.WhichOneof("action")
     if field is None:
@@ -98,7 +99,7 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         _set_navigation_mode(chassis, action)
         # This action needs no device, so `ownership` has nothing to decide.
         chassis.actions.start(name, Done("navigation mode set"))
-        return None
+        return
     if field not in _JOBS:
         raise RefusedError(f"unknown action {action.type}: this chassis has {', '.join(_JOBS)}")
     if action.action == action_pb2.kExecute:
@@ -117,7 +118,6 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         raise RefusedError(
             f"unknown control action {action.action}: 0 is cancel, 1 execute, 2 pause, 3 resume"
         )
-    return None
 
 
 _LONGEST_WAIT = 2**32 - 1
@@ -252,7 +252,7 @@ _JOBS: dict[str, Callable[[Chassis, Any], Job]] = {
 
 
 @query(pack.PlanNavPath)
-def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
+def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Message:
     """Return the path that a navigation would take, without driving; by default from the robot."""
     if not request.HasField("end"):
         raise RefusedError("PlanNavPath has no end: give the pose to plan a path to")

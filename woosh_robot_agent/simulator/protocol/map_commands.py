@@ -16,7 +16,6 @@ from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointK
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
-    Result,
     command,
     named_map,
     named_scene,
@@ -38,7 +37,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 
 
 @command(pack.SwitchMap)
-def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
+def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> None:
     """Switch to a map, whose files may come with the request."""
     _require_idle(chassis)
     if request.file_datas:
@@ -58,7 +57,6 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
     map_name = request.map_name or scene_files.first_map(scene, request.file_datas)
     chassis.switch_map(scene, named_map(scene, map_name))
     chassis.deployment.end_session()
-    return None
 
 
 def _scene_of_map(chassis: Chassis, map_name: str) -> str:
@@ -78,7 +76,7 @@ def _scene_of_map(chassis: Chassis, map_name: str) -> str:
 
 
 @command(map_pack_pb2.Upload)
-def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
+def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> None:
     """Add a scene or change it by uploaded files, without switching to it."""
     if not request.file_datas:
         raise RefusedError("the upload has no files: give at least one")
@@ -102,11 +100,10 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
             "switch to another scene first"
         )
     chassis.replace_scene(old, scene)
-    return None
 
 
 @command(map_pack_pb2.Rename)
-def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
+def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> None:
     """Rename a scene, a map, or both."""
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
     old = new = named_scene(chassis, request.old_scene_name)
@@ -129,11 +126,10 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
             raise RefusedError(f"scene {scene_name} exists already: choose another name")
         new = dataclasses.replace(new, name=scene_name)
     chassis.replace_scene(old, new, current_map)
-    return None
 
 
 @command(map_pack_pb2.Delete)
-def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
+def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> None:
     """Delete a scene, or one map of a scene: of the current one if no scene is named."""
     if not request.scene_name and not request.map_name:
         raise RefusedError(refusals.NO_NAME, field="scene_name")
@@ -142,7 +138,7 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
         if scene is chassis.scene:
             raise RefusedError(f"the robot is in scene {scene.name}: switch to another one first")
         del chassis.scenes[scene.name]
-        return None
+        return
     area = named_map(scene, request.map_name)
     if area is chassis.map:
         raise RefusedError(f"the robot is on map {area.name}: switch to another one first")
@@ -151,7 +147,6 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
             f"map {area.name} is the only one of scene {scene.name}: delete the scene instead"
         )
     chassis.replace_scene(scene, without_map(scene, area))
-    return None
 
 
 def _require_idle(chassis: Chassis) -> None:
@@ -247,7 +242,7 @@ _KINDS: dict[int, PointKind] = {
 
 
 @command(pack.BuildMap)
-def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
+def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
     """Start to make or to update a map, save it, or cancel it."""
     mapping, kind = chassis.mapping, request.type
     if kind in (pack.BuildMap.kAdd, pack.BuildMap.kUpdate):
@@ -268,11 +263,10 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
         raise RefusedError(f"unknown type {kind} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save")
     # The answer comes when the map is started, saved or cancelled.
     chassis.answer_delay = duration
-    return None
 
 
 @command(pack.Deployment)
-def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
+def _deployment(chassis: Chassis, request: pack.Deployment) -> Message:
     """Collect or remove points of the map, or calibrate its reflectors."""
     kind, mode = request.type, request.mode
     if request.robot_id not in (0, chassis.robot_id):

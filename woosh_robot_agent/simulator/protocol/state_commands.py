@@ -21,7 +21,6 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import reports
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handler,
-    Result,
     command,
     named_scene,
     pose,
@@ -43,14 +42,14 @@ def _check_length(field: str, text: str, most: int) -> None:
 
 
 @command(setting_pb2.Identity)
-def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
+def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Message:
     _check_length("name", request.name, _MAX_NAME)
     chassis.setting.identity.name = request.name
     return copy_of(chassis.setting.identity)
 
 
 @command(setting_pb2.Server)
-def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
+def _server(chassis: Chassis, request: setting_pb2.Server) -> Message:
     if request.port > 65535:
         raise RefusedError(f"port {request.port} is not within 0 to 65535")
     _check_length("ip", request.ip, _MAX_HOST)
@@ -63,7 +62,7 @@ def _set_permission(field: str) -> Handler:
     """Return the handler of a request that sets one of the permissions in the settings."""
 
     # The other requests of this kind have the same field as AutoCharge.
-    def handle(chassis: Chassis, request: setting_pb2.AutoCharge) -> Result:
+    def handle(chassis: Chassis, request: setting_pb2.AutoCharge) -> Message:
         setattr(chassis.setting.allow, field, request.allow)
         return copy_of(request)
 
@@ -79,7 +78,7 @@ for _cls, _field in (
 
 
 @command(setting_pb2.Power)
-def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
+def _power(chassis: Chassis, request: setting_pb2.Power) -> Message:
     levels = [request.alarm, request.low, request.idle, request.full]
     if levels != sorted(levels) or request.full > 100:
         raise RefusedError(
@@ -91,7 +90,7 @@ def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
 
 
 @command(setting_pb2.Sound)
-def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
+def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Message:
     if request.volume > 100:
         raise RefusedError(f"volume {request.volume} is not within 0 to 100")
     chassis.setting.sound.mute = request.mute
@@ -107,7 +106,7 @@ _MAX_LIGHT = 15
 
 
 @command(pack.InitRobot)
-def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
+def _init_robot(chassis: Chassis, request: pack.InitRobot) -> None:
     """Set the pose, end all driving and the task, and initialise the robot."""
     if chassis.profile.refusals.while_busy and chassis.tasks.active:
         task = chassis.tasks.proc.robot_task_id
@@ -123,40 +122,35 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
         chassis.tasks.cancel(reason)
     # The answer comes when the initialisation is done.
     chassis.answer_delay = chassis.initialise()
-    return None
 
 
 @command(pack.SetRobotPose)
-def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> Result:
+def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> None:
     if not chassis.readiness.initialised and not chassis.mapping.active:
         raise RefusedError(refusals.NOT_INITIALISED)
     # While a map is made, only a robot that has lost its localisation may get a pose.
     if chassis.readiness.located:
         chassis.mapping.require_none(refusals.POSE_WHILE_MAPPING)
     chassis.localise(pose(request.pose))
-    return None
 
 
 @command(pack.SetOccupancy)
-def _set_occupancy(chassis: Chassis, request: pack.SetOccupancy) -> Result:
+def _set_occupancy(chassis: Chassis, request: pack.SetOccupancy) -> None:
     chassis.occupied = request.occupy
-    return None
 
 
 @command(pack.SetMuteCall)
-def _set_mute_call(chassis: Chassis, request: pack.SetMuteCall) -> Result:
+def _set_mute_call(chassis: Chassis, request: pack.SetMuteCall) -> None:
     chassis.call_muted = request.mute
-    return None
 
 
 @command(pack.SetProgramMute)
-def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> Result:
+def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> None:
     chassis.program_muted = request.mute
-    return None
 
 
 @command(pack.SwitchControlMode)
-def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Result:
+def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Message:
     known = (util_robot_pb2.kAuto, util_robot_pb2.kManual, util_robot_pb2.kMaintain)
     if request.mode not in known:
         raise RefusedError(
@@ -169,7 +163,7 @@ def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> R
 
 
 @command(pack.SwitchWorkMode)
-def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
+def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Message:
     known = (
         util_robot_pb2.kDeployMode,
         util_robot_pb2.kTaskMode,
@@ -185,7 +179,7 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
 
 
 @command(pack.SwitchFootPrint)
-def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Result:
+def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Message:
     if request.type not in chassis.footprints:
         raise RefusedError(
             f"unknown footprint {request.type}: use one of {list(chassis.footprints)}"
@@ -197,13 +191,12 @@ def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Resul
 
 
 @command(pack.Speak)
-def _speak(chassis: Chassis, request: pack.Speak) -> Result:
+def _speak(chassis: Chassis, request: pack.Speak) -> None:
     chassis.spoken.append(request.text[:_MAX_SPEECH])
-    return None
 
 
 @command(pack.LED)
-def _led(chassis: Chassis, request: pack.LED) -> Result:
+def _led(chassis: Chassis, request: pack.LED) -> Message:
     if request.submodule > _MAX_LIGHT:
         raise RefusedError(
             f"unknown submodule {request.submodule} of the lights: use 0 to {_MAX_LIGHT}"
@@ -213,7 +206,7 @@ def _led(chassis: Chassis, request: pack.LED) -> Result:
 
 
 @command(pack.RobotWiFi)
-def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
+def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Message:
     wifi, order = chassis.wifi, request.order
     answer = pack.RobotWiFi(order=order)
     if order == pack.RobotWiFi.kWiFiList:
@@ -239,27 +232,27 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
 
 
 @query(woosh_task_pb2.RepeatTasks)
-def _repeat_tasks(chassis: Chassis, request: woosh_task_pb2.RepeatTasks) -> Result:
+def _repeat_tasks(chassis: Chassis, request: woosh_task_pb2.RepeatTasks) -> Message:
     return copy_of(chassis.scene.predefined)
 
 
 @query(woosh_task_pb2.CallTasks)
-def _call_tasks(chassis: Chassis, request: woosh_task_pb2.CallTasks) -> Result:
+def _call_tasks(chassis: Chassis, request: woosh_task_pb2.CallTasks) -> Message:
     return copy_of(chassis.scene.calls)
 
 
 @query(ros_pack_pb2.Feedbacks)
-def _feedbacks(chassis: Chassis, request: ros_pack_pb2.Feedbacks) -> Result:
+def _feedbacks(chassis: Chassis, request: ros_pack_pb2.Feedbacks) -> Message:
     return ros_pack_pb2.Feedbacks(fbs=chassis.actions.last.values())
 
 
 @query(map_pack_pb2.SceneDataEasy)
-def _scene_data_easy(chassis: Chassis, request: map_pack_pb2.SceneDataEasy) -> Result:
+def _scene_data_easy(chassis: Chassis, request: map_pack_pb2.SceneDataEasy) -> Message:
     return reports.scene_data_easy(named_scene(chassis, request.name))
 
 
 @query(map_pack_pb2.SceneData)
-def _scene_data(chassis: Chassis, request: map_pack_pb2.SceneData) -> Result:
+def _scene_data(chassis: Chassis, request: map_pack_pb2.SceneData) -> Message:
     return reports.scene_data(named_scene(chassis, request.name))
 
 
@@ -287,7 +280,7 @@ _Count = pack.CountData
 
 
 @query(pack.CountData)
-def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
+def _count_data(chassis: Chassis, request: pack.CountData) -> Message:
     """Return records by their ids, or else a page of the records of a time span.
 
     The quantities count all matching records, also those on other pages.
@@ -348,7 +341,7 @@ def _page(request: pack.CountData, records: list[Any], page: int) -> list[Any]:
 
 
 @query(count_pb2.Operation)
-def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
+def _operation(chassis: Chassis, request: count_pb2.Operation) -> Message:
     chassis.statistics.update()
     return copy_of(chassis.statistics.days[-1])
 
@@ -356,7 +349,7 @@ def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
 def _answer_with_last(records: Callable[[Chassis], Sequence[Message]]) -> Handler:
     """Return the handler that answers with the last record, or else with an empty one."""
 
-    def handle(chassis: Chassis, request: Any) -> Result:
+    def handle(chassis: Chassis, request: Any) -> Message:
         found = records(chassis)
         return copy_of(found[-1]) if found else type(request)(robot_id=chassis.robot_id)
 

@@ -43,7 +43,7 @@ _MIN_SPEED = 0.01
 
 
 @command(pack.ExecTask)
-def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
+def _exec_task(chassis: Chassis, request: pack.ExecTask) -> None:
     chassis.readiness.require_ready()
     kind = request.type
     target = _target(chassis, request)
@@ -57,7 +57,6 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
     # The task starts at once, so its jobs are already known.
     order = TaskOrder(number, kind, dest, jobs=lambda: jobs, own_id=own_id)
     chassis.ownership.start_tasks([order])
-    return None
 
 
 def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
@@ -110,7 +109,7 @@ def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
 
 
 @command(pack.ActionOrder)
-def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
+def _action_order(chassis: Chassis, request: pack.ActionOrder) -> None:
     tasks, order = chassis.tasks, request.order
     if order == util_action_pb2.kPause:
         tasks.pause("paused", ordered=True)
@@ -128,11 +127,10 @@ def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
         raise RefusedError("order 1 (start) is not supported: a task starts by itself")
     else:
         raise RefusedError(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
-    return None
 
 
 @command(pack.ChangeNavPath)
-def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
+def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> None:
     navigation = chassis.ownership.navigation
     if navigation is None:
         raise RefusedError(refusals.NO_NAVIGATION)
@@ -140,11 +138,10 @@ def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
     if via[-1] == navigation.goal:
         via.pop()
     navigation.change_path(chassis, via, strict=strict)
-    return None
 
 
 @command(pack.ChangeNavMode)
-def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
+def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> None:
     if chassis.ownership.navigation is None:
         raise RefusedError(refusals.NAVIGATION_MODE_UNUSED)
     if request.nav_mode.max_speed < 0.0:
@@ -153,7 +150,6 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
         )
     usable_speed(request.nav_mode.max_speed, _MIN_SPEED)  # refuses one that is too slow
     chassis.ownership.navigation.change_mode(request.nav_mode)
-    return None
 
 
 _MAX_REPEATS = 100
@@ -170,15 +166,14 @@ _MAX_BYTES = 64 * 1024
 
 
 @command(pack.ExecPreTask)
-def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
+def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> None:
     chassis.readiness.require_ready()
     repeat = _predefined(chassis, request.task_set_id)
     _start(chassis, repeat.task_set, repeat.times)
-    return None
 
 
 @command(pack.ExecTaskSet)
-def _exec_task_set(chassis: Chassis, request: pack.ExecTaskSet) -> Result:
+def _exec_task_set(chassis: Chassis, request: pack.ExecTaskSet) -> None:
     raise RefusedError(
         "ExecTaskSet names no task set, and real chassis do not implement it: send "
         "ExecPreTask, or RepeatTask with order 3"
@@ -191,20 +186,21 @@ def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
     if request.order == RepeatTask.kPut:
         return _put(chassis, request)
     if request.order == RepeatTask.kDel:
-        return _delete(chassis, request)
+        _delete(chassis, request)
     # Older clients set no order: for them, the request runs a task set.
-    if request.order in (RepeatTask.kExec, RepeatTask.kOrderUndefined):
-        return _exec(chassis, request)
-    raise RefusedError(f"unknown order {request.order}: 1 is put, 2 delete, 3 execute")
+    elif request.order in (RepeatTask.kExec, RepeatTask.kOrderUndefined):
+        _exec(chassis, request)
+    else:
+        raise RefusedError(f"unknown order {request.order}: 1 is put, 2 delete, 3 execute")
+    return None
 
 
 @command(AddTask)
-def _add_task(chassis: Chassis, request: AddTask) -> Result:
+def _add_task(chassis: Chassis, request: AddTask) -> None:
     """Run a task set once. It is refused in the same cases as ExecTask: there is no queue."""
     chassis.readiness.require_ready()
     _check_size(request)
     _start(chassis, _checked_set(chassis, request.tset), 1)
-    return None
 
 
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
@@ -226,17 +222,16 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
     return kept
 
 
-def _delete(chassis: Chassis, request: RepeatTask) -> Result:
+def _delete(chassis: Chassis, request: RepeatTask) -> None:
     """Delete a predefined task set. A running task set goes on."""
     id_ = request.task_set.base.id
     _predefined(chassis, id_)  # refuses an unknown id
     sets = chassis.scene.predefined.repeat_tasks
     kept = [each for each in sets if each.task_set.base.id != id_]
     set_predefined(chassis.scene, kept)
-    return None
 
 
-def _exec(chassis: Chassis, request: RepeatTask) -> Result:
+def _exec(chassis: Chassis, request: RepeatTask) -> None:
     """Run the tasks in the request; without tasks, run the predefined set with the given id."""
     chassis.readiness.require_ready()
     times = _checked_times(request.times)
@@ -245,7 +240,6 @@ def _exec(chassis: Chassis, request: RepeatTask) -> Result:
     else:
         predefined = _predefined(chassis, request.task_set.base.id)
         _start(chassis, predefined.task_set, times if request.times else predefined.times)
-    return None
 
 
 def _check_size(request: Message) -> None:
