@@ -110,6 +110,7 @@ def _read_upload(
         return scene
     handwritten = read_handwritten_scene(name, new, read)
     if handwritten:
+        handwritten.name = name  # `scene.yaml` may have another one
         handwritten.files = {each: data for each, data in new.items() if each not in used}
     return handwritten
 

@@ -44,9 +44,7 @@ def load_scene(path: Path) -> Scene:
     else:
         folder = path.parent
         name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
-    scene = read_handwritten_scene(
-        name, names, lambda each: _read_file(folder / each), use_own_name=True
-    )
+    scene = read_handwritten_scene(name, names, lambda each: _read_file(folder / each))
     if scene is None:
         raise DataFileError(
             f"{path}: not a scene: give a folder with {SCENE_INDEX} or {SCENE_FILE}, or a YAML "
@@ -78,22 +76,19 @@ def read_robot_folder(folder: Path) -> dict[str, bytes]:
     return files
 
 
-def read_handwritten_scene(
-    name: str, names: Collection[str], read: FileReader, *, use_own_name: bool = False
-) -> Scene | None:
+def read_handwritten_scene(name: str, names: Collection[str], read: FileReader) -> Scene | None:
     """Read a `scene.yaml`, or maps of map_server; return None if there are neither.
 
     Args:
-        name: name of the scene.
+        name: name of the scene, unless `scene.yaml` has one.
         names: names of the files.
         read: reads one of the files.
-        use_own_name: True to prefer the name in `scene.yaml`, if it has one.
 
     Raises:
         DataFileError: a file cannot be used.
     """
     if SCENE_FILE in names:
-        return read_scene_yaml(name, read, use_own_name=use_own_name)
+        return read_scene_yaml(name, read)
     maps = read_maps(names, read)
     return Scene(name, maps) if maps else None
 

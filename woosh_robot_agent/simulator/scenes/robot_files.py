@@ -313,23 +313,17 @@ def read_mark_info(name: str, data: bytes) -> mark_pb2.MarkInfo:
     info = read_message(name, data, mark_pb2.MarkInfo)
     if len(info.storages) > MAX_MARKS:
         raise DataFileError(f"{name}: {len(info.storages)} marks are more than {MAX_MARKS}")
-    numbers: set[str] = set()
-    ids: set[int] = set()
-    for index, storage in enumerate(info.storages):
-        where, identity = f"{name}: storages[{index}]", storage.identity
-        if not identity.no:
+    places = [f"{name}: storages[{index}]" for index in range(len(info.storages))]
+    for where, storage in zip(places, info.storages, strict=True):
+        if not storage.identity.no:
             raise DataFileError(f"{where}: identity.no is missing")
-        if identity.no in numbers or identity.id in ids:
-            raise DataFileError(
-                f"{where}: its number {identity.no} or id {identity.id} is used twice"
-            )
         if not has_pose(storage):
             raise DataFileError(f"{where}: pose.dock is missing")
         for pose in (storage.pose.dock, storage.pose.real):
             if not all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
                 raise DataFileError(f"{where}: the pose is not finite")
-        numbers.add(identity.no)
-        ids.add(identity.id)
+    check_unique(places, "identity.no", [each.identity.no for each in info.storages])
+    check_unique(places, "identity.id", [each.identity.id for each in info.storages])
     return info
 
 

@@ -215,19 +215,18 @@ class SceneEntry:
     tasks: TasksEntry | None = None
 
 
-def read_scene_yaml(name: str, read: FileReader, *, use_own_name: bool) -> Scene:
+def read_scene_yaml(name: str, read: FileReader) -> Scene:
     """Read the scene that `scene.yaml` describes.
 
     Args:
-        name: name of the scene.
+        name: name of the scene, unless `scene.yaml` has one.
         read: reads `scene.yaml` and the files that it names.
-        use_own_name: True to prefer the name in `scene.yaml`, if it has one.
 
     Raises:
         DataFileError: a file cannot be used.
     """
     entry = structure(SceneEntry, load_yaml(SCENE_FILE, read(SCENE_FILE)), SCENE_FILE)
-    return _scene(entry, (entry.name if use_own_name else "") or name, read)
+    return _scene(entry, entry.name or name, read)
 
 
 def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
