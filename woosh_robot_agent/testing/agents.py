@@ -52,24 +52,31 @@ def own_domain() -> Iterator[int]:
     Raises:
         RuntimeError: all domains for tests are in use.
     """
+    domain, lock = _lock_domain()
+    _locks[domain] = lock
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            for name, value in domain_variables(domain).items():
+                patch.setenv(name, value)
+            yield domain
+    finally:
+        del _locks[domain]
+        lock.close()
+
+
+def _lock_domain() -> tuple[int, socket.socket]:
+    """Return a domain that is not in use, and the socket that locks it until it is closed."""
     # processes that start one after the other begin at distant domains
     start = (os.getpid() * 17 + next(_counter)) % _DOMAINS
     for offset in range(_DOMAINS):
         domain = 1 + (start + offset) % _DOMAINS
-        with socket.socket() as lock:
-            try:
-                lock.bind(("127.0.0.1", _LOCK_PORT + domain))
-            except OSError:
-                continue
-            _locks[domain] = lock
-            try:
-                with pytest.MonkeyPatch.context() as patch:
-                    for name, value in domain_variables(domain).items():
-                        patch.setenv(name, value)
-                    yield domain
-            finally:
-                del _locks[domain]
-            return
+        lock = socket.socket()
+        try:
+            lock.bind(("127.0.0.1", _LOCK_PORT + domain))
+        except OSError:
+            lock.close()
+        else:
+            return domain, lock
     raise RuntimeError(f"all {_DOMAINS} ROS domains for tests are in use on this machine")
 
 
@@ -135,14 +142,10 @@ def spinning(*nodes: Any) -> Iterator[None]:
     executor = SingleThreadedExecutor(context=nodes[0].context)
     for node in nodes:
         executor.add_node(node)
-    spinner = Spinner(executor)
-    try:
+    with contextlib.ExitStack() as stack:
+        stack.callback(executor.shutdown)
+        stack.callback(Spinner(executor).stop)
         yield
-    finally:
-        try:
-            spinner.stop()
-        finally:
-            executor.shutdown()
 
 
 _CLOSING_SPIN_TIMEOUT = 0.02
