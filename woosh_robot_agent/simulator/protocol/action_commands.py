@@ -77,9 +77,6 @@ def _follow(chassis: Chassis, request: pack.Follow) -> None:
 _MAX_STEPS = 1000
 """Maximum number of steps of an action."""
 
-_MIN_SPEED = 0.01
-"""Minimum speed of steps and navigation, in m/s or rad/s."""
-
 _MIN_LIFT_SPEED = 0.001
 """Minimum speed of the lift, in m/s."""
 
@@ -142,7 +139,7 @@ def _set_navigation_mode(chassis: Chassis, action: action_pb2.NavigationMode) ->
         type=arrival,
         mode=mode,
         wait_timeout=max(0, int(action.wait_time)),
-        max_speed=usable_speed(action.max_speed, _MIN_SPEED),
+        max_speed=usable_speed(action.max_speed),
         permitted_passage=action.permitted_passage,
         capacity=action.capacity,
     )
@@ -164,7 +161,7 @@ def _step_control(chassis: Chassis, action: action_pb2.StepControl) -> Job:
 
 
 def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
-    speed = usable_speed(step.speed, _MIN_SPEED)
+    speed = usable_speed(step.speed)
     if step.mode == _StepMode.kRotate:
         return Turn(step.value, min(speed or STEP_SPEED, chassis.base.max_turn_rate))
     directions = {

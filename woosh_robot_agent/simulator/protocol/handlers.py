@@ -130,7 +130,11 @@ def require_map_changeable(chassis: Chassis) -> None:
         raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
 
 
-def usable_speed(speed: float, minimum: float) -> float:
+_MIN_SPEED = 0.01
+"""Minimum speed of steps and navigation, in m/s or rad/s."""
+
+
+def usable_speed(speed: float, minimum: float = _MIN_SPEED) -> float:
     """Return the absolute value of a requested speed; 0, which stands for the default, stays 0.
 
     Raises:

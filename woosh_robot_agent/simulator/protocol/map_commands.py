@@ -34,6 +34,7 @@ from woosh_robot_agent.simulator.scenes.scene import (
     without_map,
 )
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Map
 
 
 @command(pack.SwitchMap)
@@ -109,23 +110,28 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> None:
     old = new = named_scene(chassis, request.old_scene_name)
     current_map = chassis.map.name
     if request.old_map_name:
-        area, map_name = named_map(old, request.old_map_name), request.new_map_name
-        require_name("new_map_name", map_name)
-        if map_name != area.name:
-            if old.map(map_name):
-                raise RefusedError(refusals.MAP_EXISTS, map=map_name, scene=old.name)
-            new = with_map_renamed(old, area, map_name)
+        area = named_map(old, request.old_map_name)
+        new = _with_map_renamed(old, area, request.new_map_name)
         if area is chassis.map:
-            current_map = map_name
+            current_map = request.new_map_name
     elif request.new_map_name:
         raise RefusedError(refusals.NO_NAME, field="old_map_name")
-    if not request.old_map_name or request.new_scene_name:
+    if request.new_scene_name or not request.old_map_name:
         scene_name = request.new_scene_name
         require_name("new_scene_name", scene_name)
         if scene_name != old.name and scene_name in chassis.scenes:
             raise RefusedError(f"scene {scene_name} exists already: choose another name")
         new = dataclasses.replace(new, name=scene_name)
     chassis.replace_scene(old, new, current_map)
+
+
+def _with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
+    require_name("new_map_name", name)
+    if name == area.name:
+        return scene
+    if scene.map(name):
+        raise RefusedError(refusals.MAP_EXISTS, map=name, scene=scene.name)
+    return with_map_renamed(scene, area, name)
 
 
 @command(map_pack_pb2.Delete)
@@ -268,23 +274,9 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
 @command(pack.Deployment)
 def _deployment(chassis: Chassis, request: pack.Deployment) -> Message:
     """Collect or remove points of the map, or calibrate its reflectors."""
-    kind, mode = request.type, request.mode
-    if request.robot_id not in (0, chassis.robot_id):
-        raise RefusedError(
-            f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
-        )
-    # Only collecting needs a type; without a type, a cancel concerns all kinds of points.
-    if kind not in _KINDS and (kind or mode == pack.kDepCollect):
-        raise RefusedError(
-            f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
-        )
-    if mode not in (pack.kDepCollect, pack.kDepCancel, pack.kDepReflector):
-        raise RefusedError(
-            f"unknown mode {mode} of Deployment: 1 is collect, 2 cancel, 3 calibrate"
-        )
-    if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
-        raise RefusedError("only reflectors can be calibrated: use type 3")
+    _check_deployment(chassis, request)
     chassis.deployment.require_ready()
+    kind, mode = request.type, request.mode
     points: Sequence[CollectedPoint] = []
     if mode == pack.kDepCollect:
         given = pose(request.pose)
@@ -301,3 +293,22 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Message:
     return pack.DeploymentResponse(
         type=kind, mode=mode, markers=markers, check_times=1 if markers else 0
     )
+
+
+def _check_deployment(chassis: Chassis, request: pack.Deployment) -> None:
+    kind, mode = request.type, request.mode
+    if request.robot_id not in (0, chassis.robot_id):
+        raise RefusedError(
+            f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
+        )
+    # Only collecting needs a type; without a type, a cancel concerns all kinds of points.
+    if kind not in _KINDS and (kind or mode == pack.kDepCollect):
+        raise RefusedError(
+            f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
+        )
+    if mode not in (pack.kDepCollect, pack.kDepCancel, pack.kDepReflector):
+        raise RefusedError(
+            f"unknown mode {mode} of Deployment: 1 is collect, 2 cancel, 3 calibrate"
+        )
+    if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
+        raise RefusedError("only reflectors can be calibrated: use type 3")

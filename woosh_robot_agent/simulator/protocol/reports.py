@@ -430,9 +430,10 @@ class StateWatch:
         """Watch these topics only. The current state of an additional topic is no change."""
         if _BATTERY in topics and _BATTERY not in self._last:
             self._schedule_battery()
+        known = self._last
         self._last = {
-            topic: self._last.get(topic) or _STATES[topic](self._chassis).SerializeToString()
-            for topic in _STATES
+            topic: known[topic] if topic in known else report(self._chassis).SerializeToString()
+            for topic, report in _STATES.items()
             if topic in topics
         }
         self._due = {

@@ -38,10 +38,6 @@ from woosh_robot_agent.simulator.timeline import copy_of
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
-_MIN_SPEED = 0.01
-"""Minimum speed limit of a navigation, in m/s."""
-
-
 @command(pack.ExecTask)
 def _exec_task(chassis: Chassis, request: pack.ExecTask) -> None:
     chassis.readiness.require_ready()
@@ -148,7 +144,7 @@ def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> None:
         raise RefusedError(
             f"max_speed {request.nav_mode.max_speed:g} is negative: use 0 for the default"
         )
-    usable_speed(request.nav_mode.max_speed, _MIN_SPEED)  # refuses one that is too slow
+    usable_speed(request.nav_mode.max_speed)  # refuses one that is too slow
     chassis.ownership.navigation.change_mode(request.nav_mode)
 
 
