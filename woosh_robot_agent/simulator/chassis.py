@@ -35,13 +35,7 @@ class Chassis(Robot):
     `tick` advances the simulated time by a step, and makes the scheduled calls that are due in it.
     Within a step, `run_until` makes scheduled calls at their exact times. Requests change the state
     at any time. Events, e.g. status codes, must all be pushed; they are collected until
-    `take_events` returns them.
-
-    Args:
-        config: the options.
-
-    Raises:
-        DataFileError: the file of the profile or of a scene cannot be used.
+    `take_events` returns them. The arguments are those of `Robot`.
 
     Attributes:
         call_muted: flag that SetMuteCall sets. It only shows in DeviceState.
@@ -185,23 +179,16 @@ class Chassis(Robot):
         self._check_conditions()
 
     def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
-        """Turn the key switch to manual, where the motors are off, or to automatic.
+        """Turn the key switch to manual, where the motors are off, or to automatic (False).
 
-        Args:
-            manual: True for manual, False for automatic.
-            accept: True to accept requests at manual, although nothing moves.
+        With `accept`, the robot accepts requests at manual, although nothing moves.
         """
         self.readiness.key_manual = manual
         self.readiness.key_accepts = accept
         self._check_conditions()
 
     def hold_remote_keys(self, keys: int, address: int) -> None:
-        """Hold down keys of a radio remote controller, until the next call.
-
-        Args:
-            keys: one bit for each key; 0 releases all keys.
-            address: address of the controller.
-        """
+        """Hold down keys of the radio remote controller at `address`: one bit each, 0 for none."""
         self.remote_controller = device_pb2.RfRemoteController(address=address, keys=keys)
 
     def lose_localisation(self) -> None:

@@ -223,13 +223,10 @@ class Robot(Timeline):
     @property
     def charger(self) -> Mark | None:
         """The charger at which the robot stands; None if it stands elsewhere."""
-        pose = self.base.pose
-        for mark in self.map.marks.values():
-            if (
-                mark.kind is MarkKind.CHARGER
-                and pose.distance(mark.pose.point) <= _CHARGER_DISTANCE
-            ):
-                return mark
+        chargers = (mark for mark in self.map.marks.values() if mark.kind is MarkKind.CHARGER)
+        for charger in chargers:
+            if self.base.pose.distance(charger.pose.point) <= _CHARGER_DISTANCE:
+                return charger
         return None
 
     def dock_distance(self, mark: Mark) -> float:

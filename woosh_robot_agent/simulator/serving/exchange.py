@@ -72,9 +72,6 @@ Refuse = Callable[[str], "str | None"]
 Admit = Callable[[], bool]
 """Returns False to drop a new connection."""
 
-Remove = Callable[[], None]
-"""Removes a hook."""
-
 _T = TypeVar("_T")
 
 
@@ -112,15 +109,13 @@ class Hooks:
         return frames
 
 
-def add_hook(hooks: list[_T], hook: _T) -> Remove:
+def add_hook(hooks: list[_T], hook: _T) -> Callable[[], None]:
     """Add a function to one of the lists of `Hooks`, and return a function that removes it."""
     hooks.append(hook)
 
     def remove() -> None:
-        for index, each in enumerate(hooks):
-            if each is hook:
-                del hooks[index]
-                return
+        if hook in hooks:  # a second call does nothing
+            hooks.remove(hook)
 
     return remove
 
