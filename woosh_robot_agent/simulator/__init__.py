@@ -30,12 +30,7 @@ import importlib
 TYPE_CHECKING = False  # type checkers take it as True; so `typing` need not be imported
 if TYPE_CHECKING:
     from woosh_robot_agent.simulator.config import SimulatorConfig
-    from woosh_robot_agent.simulator.faults import (
-        FaultError,
-        Injection,
-        Scenario,
-        load_scenario,
-    )
+    from woosh_robot_agent.simulator.faults import FaultError, Injection, Scenario, load_scenario
     from woosh_robot_agent.simulator.server import SimulatedChassis, Snapshot
     from woosh_robot_agent.simulator.serving.exchange import Interceptor, Outgoing, Received
     from woosh_robot_agent.simulator.thread import SimulatorThread

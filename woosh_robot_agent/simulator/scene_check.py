@@ -9,11 +9,10 @@ from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator.profile import Profile
 from woosh_robot_agent.simulator.scenes import robot_files
-from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS
+from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS, read_action_groups
 from woosh_robot_agent.simulator.scenes.files import load_scene, read_robot_folder, start_place
 from woosh_robot_agent.simulator.scenes.scene import (
     MAP_FILE,
-    MARK_INFO,
     SCENE_INDEX,
     TASK_INFO,
     Scene,
@@ -45,8 +44,8 @@ def _unreadable_files(folder: Path) -> Iterator[str]:
     """Yield an error for each file in a robot's folder that is invalid or of an unnamed map."""
     files = read_robot_folder(folder)
     maps = robot_files.map_names(files[SCENE_INDEX])
-    yield from _errors_of(lambda: robot_files.read_groups(files.get(ACTION_GROUPS, b"")))
-    yield from _errors_of(lambda: robot_files.read_task_info(TASK_INFO, files.get(TASK_INFO, b"")))
+    yield from _errors_of(lambda: read_action_groups(files.get(ACTION_GROUPS, b"")))
+    yield from _errors_of(lambda: robot_files.read_task_info(files))
     for name in maps:
         yield from _unreadable_map_files(name, files)
     for other in sorted(folder.glob(f"*/{MAP_FILE}")):
@@ -64,8 +63,7 @@ def _unreadable_map_files(name: str, files: Mapping[str, bytes]) -> Iterator[str
     # The file of the keep-out areas can only be checked if the map can be read.
     picture_errors = _errors_of(lambda: robot_files.read_map_picture(name, files))
     yield from picture_errors or _errors_of(read_keepout)
-    marks = f"{name}/{MARK_INFO}"
-    yield from _errors_of(lambda: robot_files.read_mark_info(marks, files.get(marks, b"")))
+    yield from _errors_of(lambda: robot_files.read_mark_info(name, files))
     yield from _errors_of(lambda: robot_files.check_unused_files(name, files))
 
 

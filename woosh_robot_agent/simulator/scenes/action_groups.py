@@ -97,21 +97,20 @@ class ActionGroups:
         return [number for each, number in self.groups if each == kind]
 
 
-def read_action_groups(name: str, data: bytes) -> ActionGroups:
-    """Read a table.
-
-    Args:
-        name: name of the file, for errors.
-        data: content of the file. Unknown keys are ignored.
+def read_action_groups(data: bytes) -> ActionGroups:
+    """Read the content of the file, without unknown keys; an empty file has the default table.
 
     Raises:
         DataFileError: the file is not such a table.
     """
+    if not data.strip():
+        return default_action_groups()
     groups: dict[tuple[int, int], tuple[Action, ...]] = {}
-    for each in structure(_File, load_json(name, data), name, known_only=False).task_type:
+    content = load_json(ACTION_GROUPS, data)
+    for each in structure(_File, content, ACTION_GROUPS, known_only=False).task_type:
         if (each.type, each.no) in groups:
             text = f"type {each.type} has two groups with the number {each.no}"
-            raise DataFileError(f"{name}: {text}")
+            raise DataFileError(f"{ACTION_GROUPS}: {text}")
         groups[each.type, each.no] = each.order
     return ActionGroups(data, groups)
 
@@ -119,5 +118,4 @@ def read_action_groups(name: str, data: bytes) -> ActionGroups:
 @lru_cache
 def default_action_groups() -> ActionGroups:
     """Return the table for scenes without a table."""
-    file = Path(__file__).parents[1] / "data" / ACTION_GROUPS
-    return read_action_groups(ACTION_GROUPS, file.read_bytes())
+    return read_action_groups((Path(__file__).parents[1] / "data" / ACTION_GROUPS).read_bytes())

@@ -33,12 +33,12 @@ def load_scene(path: Path) -> Scene:
         DataFileError: a file cannot be used.
     """
     try:
-        is_folder, is_robot_folder = path.is_dir(), (path / SCENE_INDEX).is_file()
-        names = sorted(file.name for file in path.iterdir()) if is_folder else [path.name]
+        if (path / SCENE_INDEX).is_file():
+            return read_robot_scene(path.resolve().name, read_robot_folder(path))
+        is_folder = path.is_dir()
+        names = [file.name for file in path.iterdir()] if is_folder else [path.name]
     except OSError as error:
         raise DataFileError(f"{path}: {error.strerror}") from error
-    if is_robot_folder:
-        return read_robot_scene(path.resolve().name, read_robot_folder(path))
     if is_folder:
         folder, name = path, path.resolve().name
     else:

@@ -22,8 +22,6 @@ from woosh_robot_agent.pb.map import field_pb2, mark_pb2, path_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
 from woosh_robot_agent.simulator.scenes.action_groups import (
     ACTION_GROUPS,
-    ActionGroups,
-    default_action_groups,
     read_action_groups,
 )
 from woosh_robot_agent.simulator.scenes.scene import (
@@ -69,7 +67,7 @@ _MAX_SIDE = 500.0
 DEFAULT_FLOOR = "1F"
 """Floor of a map that names no floor."""
 
-_INT32 = 2**31 - 1
+INT32 = 2**31 - 1
 """Largest value of an int32 field."""
 
 
@@ -125,7 +123,7 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
     check_unique([each.source for each in entries], "name", [each.name for each in entries])
     check_unique([each.source for each in entries], "id", [each.id for each in entries])
     scene = Scene(name, [], files={**files})
-    scene.action_groups = read_groups(scene.files.pop(ACTION_GROUPS, b""))
+    scene.action_groups = read_action_groups(scene.files.pop(ACTION_GROUPS, b""))
     old_files = files_of(old).of_maps if old else {}
     for entry in entries:
         known = old.map(entry.name) if old else None
@@ -136,10 +134,9 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
             check_pixels(entry.source, scene.maps)
         if entry.end_pose and not scene.start:
             scene.start, scene.start_map = scene.maps[-1].end, entry.name
-    if TASK_INFO in files:
-        info = read_task_info(TASK_INFO, files[TASK_INFO])
-        scene.predefined.repeat_tasks.extend(info.repeat_tasks)
-        scene.calls.call_tasks.extend(info.call_tasks)
+    info = read_task_info(files)
+    scene.predefined.repeat_tasks.extend(info.repeat_tasks)
+    scene.calls.call_tasks.extend(info.call_tasks)
     return scene
 
 
@@ -154,15 +151,6 @@ def map_names(index: bytes) -> list[str]:
 
 def _index(data: bytes) -> _Index:
     return structure(_Index, load_json(SCENE_INDEX, data), SCENE_INDEX, known_only=False)
-
-
-def read_groups(data: bytes) -> ActionGroups:
-    """Read the table of the tasks' actions; the default if the file is empty or missing (b"").
-
-    Raises:
-        DataFileError: the file cannot be used.
-    """
-    return read_action_groups(ACTION_GROUPS, data) if data.strip() else default_action_groups()
 
 
 def _same_pictures(name: str, files: Mapping[str, bytes], before: Mapping[str, bytes]) -> bool:
@@ -219,14 +207,13 @@ def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepO
 
 def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
     """Return a map with the marks in its files, and the properties in its entry of the index."""
-    path, end = f"{entry.name}/{MARK_INFO}", entry.end_pose
-    info = read_mark_info(path, files.get(path, b""))
+    info, end = read_mark_info(entry.name, files), entry.end_pose
     check_unused_files(entry.name, files)
     return dataclasses.replace(
         area,
         id=entry.id,
         floor=info.floor_name or DEFAULT_FLOOR,
-        version=min(max(1, info.version), _INT32),
+        version=min(max(1, info.version), INT32),
         marks=marks_of(info),
         other_marks=other_marks(info),
         end=Pose(end.x, end.y, end.theta) if end else None,
@@ -239,9 +226,8 @@ def check_unused_files(name: str, files: Mapping[str, bytes]) -> None:
     Raises:
         DataFileError: a file is not a serialised message of its type.
     """
-    for file, cls in ((NAV_AREA, field_pb2.FieldInfo), (PATH_INFO, path_pb2.PathInfo)):
-        path = f"{name}/{file}"
-        read_message(path, files.get(path, b""), cls)
+    _read_message(f"{name}/{NAV_AREA}", files, field_pb2.FieldInfo)
+    _read_message(f"{name}/{PATH_INFO}", files, path_pb2.PathInfo)
 
 
 def check_pixels(where: str, maps: Iterable[Map]) -> None:
@@ -289,31 +275,32 @@ _M = TypeVar("_M", bound=Message)
 """Class of the message in a file."""
 
 
-def read_task_info(name: str, data: bytes) -> woosh_task_pb2.TaskInfo:
-    """Read a file with the task sets of a scene.
+def read_task_info(files: Mapping[str, bytes]) -> woosh_task_pb2.TaskInfo:
+    """Read the task sets of a scene from its files.
 
     Raises:
         DataFileError: the file cannot be used.
     """
-    info = read_message(name, data, woosh_task_pb2.TaskInfo)
+    info = _read_message(TASK_INFO, files, woosh_task_pb2.TaskInfo)
     counts = [len(info.repeat_tasks), len(info.call_tasks)]
     counts += [len(each.task_set.tasks) for each in info.repeat_tasks]
     counts += [len(each.task_set.tasks) for each in info.call_tasks]
     if max(counts) > MAX_TASKS:
-        raise DataFileError(f"{name}: {max(counts)} tasks are more than {MAX_TASKS}")
+        raise DataFileError(f"{TASK_INFO}: {max(counts)} tasks are more than {MAX_TASKS}")
     return info
 
 
-def read_mark_info(name: str, data: bytes) -> mark_pb2.MarkInfo:
-    """Read a file with the marks of a map.
+def read_mark_info(name: str, files: Mapping[str, bytes]) -> mark_pb2.MarkInfo:
+    """Read the marks of the map called `name` from the files of its scene.
 
     Raises:
         DataFileError: the file cannot be used.
     """
-    info = read_message(name, data, mark_pb2.MarkInfo)
+    path = f"{name}/{MARK_INFO}"
+    info = _read_message(path, files, mark_pb2.MarkInfo)
     if len(info.storages) > MAX_MARKS:
-        raise DataFileError(f"{name}: {len(info.storages)} marks are more than {MAX_MARKS}")
-    places = [f"{name}: storages[{index}]" for index in range(len(info.storages))]
+        raise DataFileError(f"{path}: {len(info.storages)} marks are more than {MAX_MARKS}")
+    places = [f"{path}: storages[{index}]" for index in range(len(info.storages))]
     for where, storage in zip(places, info.storages, strict=True):
         if not storage.identity.no:
             raise DataFileError(f"{where}: identity.no is missing")
@@ -327,14 +314,10 @@ def read_mark_info(name: str, data: bytes) -> mark_pb2.MarkInfo:
     return info
 
 
-def read_message(name: str, data: bytes, cls: type[_M]) -> _M:
-    """Read a file with a serialised message; an empty file is an empty message.
-
-    Raises:
-        DataFileError: the file cannot be used.
-    """
+def _read_message(path: str, files: Mapping[str, bytes], cls: type[_M]) -> _M:
+    """Read a serialised message; the message is empty if the file is empty or missing."""
     try:
-        return cls.FromString(data)
+        return cls.FromString(files.get(path, b""))
     except DecodeError as error:
-        text = f"{name}: not a serialised {cls.DESCRIPTOR.full_name}: {error}"
+        text = f"{path}: not a serialised {cls.DESCRIPTOR.full_name}: {error}"
         raise DataFileError(text) from error

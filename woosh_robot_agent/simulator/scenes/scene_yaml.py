@@ -13,12 +13,13 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import count, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, source_field, structure
 from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
 from woosh_robot_agent.simulator.scenes.robot_files import (
     DEFAULT_FLOOR,
+    INT32,
     MAX_MAPS,
     MAX_MARKS,
     MAX_TASKS,
@@ -42,13 +43,10 @@ _MAX_WALLS = 1000
 """Maximum number of walls of a map: laser and planner check each wall. A map with more walls needs
 a picture instead."""
 
-_INT32 = 2**31 - 1
-"""Largest value of an int32 field."""
-
 _CallInfo = woosh_task_pb2.CallInfo
 
 _Id = Annotated[int, Between(0, 2**32 - 1)]
-_Positive = Annotated[int, Between(1, _INT32)]
+_Positive = Annotated[int, Between(1, INT32)]
 
 
 class _Pose(NamedTuple):
@@ -144,7 +142,7 @@ class StepEntry:
     mark: str
     type: Literal["pick", "parking", "charge", "carry"] = "pick"
     direction: Literal["feeding", "cutting"] | None = None
-    wait: Annotated[int, Between(-1, _INT32)] = 0
+    wait: Annotated[int, Between(-1, INT32)] = 0
     source: str = source_field()
 
 
@@ -248,7 +246,7 @@ def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
             continue
         stem = Path(file).stem
         entry = MapEntry(name=stem, image=file, source=file)
-        maps.append(_map(entry, len(maps) + 1, read, content))
+        maps.append(_map(entry, len(maps) + 1, read))
         check_pixels(file, maps)
         if stem in [other.name for other in maps[:-1]]:
             raise DataFileError(f"{file}: another file has the map name {stem} too")
@@ -284,23 +282,14 @@ def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
     return scene
 
 
-def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Map:
-    """Return the map that an entry describes.
-
-    Args:
-        entry: the entry.
-        id_: id of the map.
-        read: reads a file of the scene.
-        content: content of the YAML file `image`; None to read it.
-    """
+def _map(entry: MapEntry, id_: int, read: FileReader) -> Map:
+    """Return the map that an entry describes, with the id `id_`; `read` reads its image."""
     walls = tuple(_walls(entry))
     if len(walls) > _MAX_WALLS:  # a polyline has several walls
         text = f"{len(walls)} walls are more than {_MAX_WALLS}"
         raise DataFileError(f"{entry.source}.walls: {text}")
     marks = _marks(entry)
-    grid = None
-    if entry.image:
-        grid = _grid(entry.image, content or load_yaml(entry.image, read(entry.image)), read)
+    grid = _grid(entry.image, read) if entry.image else None
     if entry.area:
         x1, y1, x2, y2 = entry.area
         corners = [(x1, y1), (x2, y2)]
@@ -325,12 +314,13 @@ def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Ma
     )
 
 
-def _grid(name: str, content: Any, read: FileReader) -> Grid:
+def _grid(name: str, read: FileReader) -> Grid:
+    """Return the grid of a map of map_server, whose YAML file is `name`."""
     # numpy, scipy and Pillow load in a third of a second, which only pictures need.
     from woosh_robot_agent.simulator.scenes.map_server import read_grid
 
     folder = Path(name).parent
-    return read_grid(name, content, lambda file: read(str(folder / file)))
+    return read_grid(name, load_yaml(name, read(name)), lambda file: read(str(folder / file)))
 
 
 def _walls(entry: MapEntry) -> Iterator[Wall]:
