@@ -213,9 +213,11 @@ def with_map_changed(scene: Scene, old: Map, new: Map) -> Scene:
         outdated |= {f"{old.name}/{each}" for each in (*PICTURES, TRAFFIC_KEEPOUT)}
     files: dict[str, bytes] = {}
     for name, data in scene.files.items():
+        if name in outdated:
+            continue
         folder, _, file = name.partition("/")
-        if name not in outdated:
-            files[f"{new.name}/{file}" if file and folder == old.name else name] = data
+        is_of_map = file and folder == old.name
+        files[f"{new.name}/{file}" if is_of_map else name] = data
     maps = [new if each is old else each for each in scene.maps]
     return replace(scene, maps=maps, files=files)
 

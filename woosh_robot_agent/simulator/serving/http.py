@@ -153,7 +153,6 @@ class HttpCalls:
         if request.method in ("GET", "HEAD"):
             about = _ABOUT.format(robot=self._config.robot_id, host=request.host)
             return web.Response(text=about)
-        name = clip_type_name(request.path.strip("/").replace("/", "."))
         if request.method != "POST":
             return _refusal(HTTPStatus.METHOD_NOT_ALLOWED, "only POST and GET", Allow="GET, POST")
         if len(self._handler.clients) >= self._config.max_connections:
@@ -172,6 +171,7 @@ class HttpCalls:
             text = f"the body has more than {self._config.max_frame} bytes"
             return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
         await self._wait_readable()
+        name = clip_type_name(request.path.strip("/").replace("/", "."))
         return await self._execute(connection, name, data)
 
     async def _body(self, request: web.BaseRequest) -> bytes | None:
