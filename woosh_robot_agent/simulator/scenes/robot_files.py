@@ -20,10 +20,7 @@ from woosh_robot_agent.data_files import (
 )
 from woosh_robot_agent.pb.map import field_pb2, mark_pb2, path_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
-from woosh_robot_agent.simulator.scenes.action_groups import (
-    ACTION_GROUPS,
-    read_action_groups,
-)
+from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS, read_action_groups
 from woosh_robot_agent.simulator.scenes.scene import (
     KEEPOUT,
     MAP_FILE,

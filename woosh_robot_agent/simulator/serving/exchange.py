@@ -66,12 +66,6 @@ class Outgoing:
 Interceptor = Callable[[Outgoing], Iterable[Outgoing]]
 """Returns the frames to send instead of a frame: the same frame, other frames, or none."""
 
-Refuse = Callable[[str], "str | None"]
-"""Returns the reason to refuse a request of the given type, or None."""
-
-Admit = Callable[[], bool]
-"""Returns False to drop a new connection."""
-
 _T = TypeVar("_T")
 
 
@@ -79,16 +73,16 @@ class Hooks:
     """Functions by which faults and tests intervene; `add_hook` adds one.
 
     Attributes:
-        admissions: called for each new connection.
-        refusals: called for each request before it is executed. If several functions refuse it, the
-            one that was added last gives the reason.
+        admissions: called for each new connection; return False to drop it.
+        refusals: called with the type of each request before it is executed; return the reason to
+            refuse it, or None. If several refuse it, the one that was added last gives the reason.
         faults: interceptors of faults. All outgoing frames pass through these first.
         interceptors: interceptors of tests. All outgoing frames pass through these afterwards.
     """
 
     def __init__(self) -> None:
-        self.admissions: list[Admit] = []
-        self.refusals: list[Refuse] = []
+        self.admissions: list[Callable[[], bool]] = []
+        self.refusals: list[Callable[[str], str | None]] = []
         self.faults: list[Interceptor] = []
         self.interceptors: list[Interceptor] = []
 
