@@ -144,6 +144,8 @@ class HttpCalls:
         self._config = config
         self._wait_readable = wait_readable
         self._writable = writable
+        self._arriving = 0
+        """Number of requests whose bodies are still arriving."""
 
     async def respond(
         self, request: web.BaseRequest, connection: HttpConnection
@@ -155,18 +157,21 @@ class HttpCalls:
             return web.Response(text=about)
         if request.method != "POST":
             return _refusal(HTTPStatus.METHOD_NOT_ALLOWED, "only POST and GET", Allow="GET, POST")
-        if len(self._handler.clients) >= self._config.max_connections:
+        if len(self._handler.clients) + self._arriving >= self._config.max_connections:
             text = f"there are already {self._config.max_connections} clients"
             return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, text)
         if not self._handler.hooks.admit():
             abort_transport(connection.transport)
             return web.Response()  # goes nowhere: the connection is closed
-        if request.headers.get("Expect", "").lower() == "100-continue":  # curl, for large bodies
-            await connection.write(b"HTTP/1.1 100 Continue\r\n\r\n")
+        self._arriving += 1
         try:
+            if request.headers.get("Expect", "").lower() == "100-continue":  # curl, if it is large
+                await connection.write(b"HTTP/1.1 100 Continue\r\n\r\n")
             data = await run_with_timeout(_BODY_TIMEOUT, self._body(request))
         except TimeoutError as error:
             return _refusal(HTTPStatus.REQUEST_TIMEOUT, f"the body did not arrive: {error}")
+        finally:
+            self._arriving -= 1
         if data is None:
             text = f"the body has more than {self._config.max_frame} bytes"
             return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
