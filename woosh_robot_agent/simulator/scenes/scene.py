@@ -302,9 +302,9 @@ def task_info_of(scene: Scene) -> woosh_task_pb2.TaskInfo:
 
 
 def end_of(scene: Scene, area: Map) -> Pose | None:
-    """Return the scene's start if it is on this map, otherwise `area.end`, which may be None."""
+    """Return the pose at which the robot was last on a map, or else its start there, or None."""
     starts_here = area is scene.map(scene.start_map)
-    return scene.start if scene.start and starts_here else area.end
+    return area.end or (scene.start if starts_here else None)
 
 
 def _index(scene: Scene) -> bytes:
