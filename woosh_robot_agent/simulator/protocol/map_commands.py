@@ -52,6 +52,7 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> None:
             scene = dataclasses.replace(
                 chassis.scene, name=name, maps=[area], start_map="", files=files
             )
+            scene_files.check_map_files(scene)
     else:
         name = request.scene_name or _scene_of_map(chassis, request.map_name)
         scene = named_scene(chassis, name)

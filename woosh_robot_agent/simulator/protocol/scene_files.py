@@ -14,8 +14,14 @@ from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS, read_action_groups
 from woosh_robot_agent.simulator.scenes.files import read_handwritten_scene
-from woosh_robot_agent.simulator.scenes.robot_files import MAX_MAPS, read_robot_scene
+from woosh_robot_agent.simulator.scenes.robot_files import (
+    MAX_MAPS,
+    check_unused_files,
+    read_mark_info,
+    read_robot_scene,
+)
 from woosh_robot_agent.simulator.scenes.scene import (
     MAX_NAME,
     SCENE_INDEX,
@@ -75,6 +81,7 @@ def updated_scene(
         raise RefusedError(f"scene {name} is not changed: {error}") from error
     if scene is None:
         return None
+    check_map_files(scene)
     if len(scene.maps) > MAX_MAPS:
         raise RefusedError(refusals.TOO_MANY_MAPS, scene=name, limit=MAX_MAPS)
     whole = replace and SCENE_INDEX in new  # all files of a robot's folder
@@ -112,6 +119,8 @@ def _read_upload(
     if handwritten:
         handwritten.name = name  # `scene.yaml` may have another one
         handwritten.files = {each: data for each, data in new.items() if each not in used}
+        groups = handwritten.files.pop(ACTION_GROUPS, b"")
+        handwritten.action_groups = read_action_groups(groups)
     return handwritten
 
 
@@ -147,6 +156,20 @@ def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
         return ""
     stems = {PurePosixPath(name).stem for name in names if "/" not in name}
     return next((each.name for each in scene.maps if each.grid and each.name in stems), "")
+
+
+def check_map_files(scene: Scene) -> None:
+    """Check the files that a scene keeps for its maps, even if `scene.yaml` describes the maps.
+
+    Raises:
+        RefusedError: a file cannot be read.
+    """
+    try:
+        for area in scene.maps:
+            read_mark_info(area.name, scene.files)
+            check_unused_files(area.name, scene.files)
+    except DataFileError as error:
+        raise RefusedError(f"scene {scene.name} is not changed: {error}") from error
 
 
 def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
