@@ -122,7 +122,7 @@ def require_map_changeable(chassis: Chassis) -> None:
     # A paused task or navigation would continue to a target on the old map.
     if chassis.tasks.paused:
         raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
-    if chassis.tasks.active:
+    if chassis.tasks.active or chassis.tasks.between_tasks:
         raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
     if chassis.ownership.driver:
         raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)

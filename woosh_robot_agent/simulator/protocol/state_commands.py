@@ -108,7 +108,8 @@ _MAX_LIGHT = 15
 @command(pack.InitRobot)
 def _init_robot(chassis: Chassis, request: pack.InitRobot) -> None:
     """Set the pose, end all driving and the task, and initialise the robot."""
-    if chassis.profile.refusals.while_busy and chassis.tasks.active:
+    has_task = chassis.tasks.active or chassis.tasks.between_tasks
+    if has_task and chassis.profile.refusals.while_busy:
         task = chassis.tasks.proc.robot_task_id
         raise RefusedError(refusals.INIT_DURING_TASK, task=task)
     chassis.mapping.require_none(refusals.INIT_WHILE_MAPPING)
@@ -118,7 +119,7 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> None:
     reason = "robot was initialised"
     chassis.ownership.end_driving(reason)
     chassis.base.halt()
-    if chassis.tasks.active:
+    if has_task:
         chassis.tasks.cancel(reason)
     # The answer comes when the initialisation is done.
     chassis.answer_delay = chassis.initialise()

@@ -38,6 +38,7 @@ from woosh_robot_agent.simulator.timeline import copy_of
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
+
 @command(pack.ExecTask)
 def _exec_task(chassis: Chassis, request: pack.ExecTask) -> None:
     chassis.readiness.require_ready()
@@ -321,9 +322,12 @@ def _checked_times(times: int) -> int:
 
 
 def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
-    """Start a task set and run it `times` times, at most `_MAX_REPEATS`."""
+    """Start a task set and run it `times` times, but from 1 to `_MAX_REPEATS`."""
     set_id = task_set.base.id
-    bases = [task.base for _ in range(min(times, _MAX_REPEATS)) for task in task_set.tasks]
+    if not task_set.tasks:  # only the sets in uploaded files may have none
+        raise RefusedError(f"task set {set_id} has no tasks: put it with at least one")
+    times = min(max(1, times), _MAX_REPEATS)
+    bases = [task.base for _ in range(times) for task in task_set.tasks]
     chassis.ownership.start_tasks([_task_order(chassis, set_id, base) for base in bases])
 
 
