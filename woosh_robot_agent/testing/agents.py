@@ -38,7 +38,7 @@ Domain N is in use while the port `_LOCK_PORT` + N is bound.
 _DOMAINS = 100
 """Number of domains for tests, from 1."""
 _counter = itertools.count()
-"""Counts the calls of `own_domain`, so that each call tries another domain first."""
+"""Number of calls of `own_domain`, so that each call tries another domain first."""
 _locks: dict[int, socket.socket] = {}
 """Bound sockets of the domains that this process uses, by domain."""
 

@@ -50,9 +50,8 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> None:
     jobs = task_jobs(chassis, actions, request.direction, target)
     number = request.task_id or chassis.tasks.new_id()
     dest = target.number if isinstance(target, Mark) else ""
-    own_id = not request.task_id
     # The task starts at once, so its jobs are already known.
-    order = TaskOrder(number, kind, dest, jobs=lambda: jobs, own_id=own_id)
+    order = TaskOrder(number, kind, dest, jobs=lambda: jobs, own_id=not request.task_id)
     chassis.ownership.start_tasks([order])
 
 
