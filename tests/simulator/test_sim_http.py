@@ -223,6 +223,22 @@ def test_calls_beyond_the_limit_of_clients_are_refused(
     assert web.ask(MODE)["work"] == 2
 
 
+@pytest.mark.chassis(speed=1, max_connections=1)
+def test_calls_whose_body_is_arriving_count_towards_the_limit(
+    simulator: SimulatorThread, web: HttpClient
+) -> None:
+    with socket.create_connection(("127.0.0.1", simulator.port), TIMEOUT) as slow:
+        slow.sendall(
+            b"POST /woosh/robot/Mode HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n"
+            b"Expect: 100-continue\r\n\r\n"
+        )
+        assert slow.recv(1000).startswith(b"HTTP/1.1 100 ")
+        assert web.post(MODE)[0] == 503
+        slow.sendall(b"{}")
+        assert slow.recv(1000).startswith(b"HTTP/1.1 200 ")
+    assert web.ask(MODE)["work"] == 2
+
+
 def test_client_that_leaves_before_its_answer_is_forgotten(
     simulator: SimulatorThread, web: HttpClient
 ) -> None:

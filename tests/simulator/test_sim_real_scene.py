@@ -118,6 +118,21 @@ def test_scene_data_contains_the_files(chassis: SteppedChassis) -> None:
     assert not area.HasField("field_info")  # the file is empty
 
 
+def test_updated_map_has_the_pose_at_its_end() -> None:
+    chassis = SteppedChassis(profile="instant", scenes=(SCENE,))
+    start_mapping(chassis, UPDATE, "real_scene", MAP)
+    chassis.request("woosh.robot.Twist", angular=0.5)
+    chassis.run(2.0)
+    save_map(chassis)
+    pose = chassis.chassis.pose
+    assert abs(pose.theta - END.theta) > 0.1
+    (area,) = ParseDict(ask(chassis, "woosh.map.SceneData").body, SceneData()).maps
+    assert area.end.theta == pytest.approx(pose.theta, abs=0.01)
+    files = {each["name"]: each["data"] for each in ask(chassis, DOWNLOAD).body["fileDatas"]}
+    (entry,) = json.loads(base64.b64decode(files["scene.json"]))["maps"]
+    assert entry["end_pose"]["theta"] == pytest.approx(pose.theta, abs=0.01)
+
+
 def test_robot_drives_from_mark_to_mark(chassis: SteppedChassis) -> None:
     marks = chassis.chassis.map.marks
     for number in ("758033B0", "758312C2", "758672A8"):

@@ -11,7 +11,10 @@ from google.protobuf.message import Message
 
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.pb.map.map_pack_pb2 import Upload
 from woosh_robot_agent.pb.robot import robot_pb2
+from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask, TaskInfo
+from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.behaviour.jobs import Wait
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
@@ -320,6 +323,41 @@ def test_task_set_is_cancelled_between_its_tasks(real: Chassis) -> None:
         real.tick(TIME_STEP)
     assert not real.tasks.active
     assert not [each for each in real.take_events() if isinstance(each, robot_pb2.TaskProc)]
+
+
+@pytest.mark.parametrize(
+    ("name", "body"),
+    [
+        ("woosh.robot.InitRobot", {"isRecord": True}),
+        ("woosh.robot.SwitchMap", {"sceneName": "scenex"}),
+    ],
+)
+def test_task_set_runs_between_its_tasks_too(real: Chassis, name: str, body: Json) -> None:
+    run_to_the_gap(real, TWO_TASKS)
+    assert not ask(real, name, body).ok
+    run_until(real, lambda: real.tasks.proc.robot_task_id == 802)
+
+
+def upload_set(chassis: Chassis, repeat: RepeatTask) -> None:
+    """Upload a task set in a file, as the robot's own tools write it."""
+    data = TaskInfo(repeat_tasks=[repeat]).SerializeToString()
+    file = FileData(name="task_info.data", data=data)
+    assert dispatch(chassis, Upload(file_datas=[file])).ok
+
+
+@pytest.mark.parametrize("times", [0, -2])
+def test_task_set_of_a_file_runs_at_least_once(chassis: Chassis, times: int) -> None:
+    repeat = json_format.ParseDict(put(9, "K10", times=times), RepeatTask())
+    repeat.task_set.tasks[0].base.id = 1
+    upload_set(chassis, repeat)
+    assert ask(chassis, PRE_TASK, {"taskSetId": 9}).ok
+    assert chassis.tasks.proc.robot_task_id == 901
+
+
+def test_task_set_of_a_file_without_tasks_is_refused(chassis: Chassis) -> None:
+    upload_set(chassis, RepeatTask(task_set={"base": {"id": 9}}))
+    answer = ask(chassis, PRE_TASK, {"taskSetId": 9})
+    assert (answer.ok, answer.msg) == (False, "task set 9 has no tasks: put it with at least one")
 
 
 def test_task_set_goes_on_after_charging_and_leaves_the_dock_first(real: Chassis) -> None:

@@ -159,6 +159,17 @@ def test_uploaded_scene_brings_maps_marks_and_tasks(client: JsonClient) -> None:
     assert maps(client)["hall"]["version"] == "1"
 
 
+def test_uploaded_scene_brings_the_actions_of_its_tasks(client: JsonClient) -> None:
+    table = b'{"task_type": [{"type": 1, "no": 0, "order": [{"action": 1}]}]}'
+    files = {"scene.yaml": SCENE, **dotted({"floor_yaml": NAV2, "floor_png": floor_png()})}
+    datas = file_datas({**files, "action_groups.json": table})
+    switch_map(client, {"sceneName": "lab", "fileDatas": datas})
+    assert client.ask("woosh.map.SceneData")["actionGroup"] == table.decode()
+    distance_ahead(client)
+    refusal = client.refusal("woosh.robot.ExecTask", {"type": 4, "markNo": "X1"})
+    assert refusal.startswith("scene lab has no actions for tasks of type 4")
+
+
 def test_robot_inside_an_uploaded_wall_loses_localisation(client: JsonClient) -> None:
     distance_ahead(client)
     switch_map(client, switch_request("lab", floor_yaml=NAV2, floor_png=floor_png(4.2)))
@@ -202,6 +213,25 @@ INVALID_UPLOADS: list[tuple[dict[str, bytes], str]] = [
         "more than the limit of a scene: 1000 files",
     ),
 ]
+
+
+UNREADABLE_FILES = {
+    "mark_info.data": "not a serialised woosh.map.mark.MarkInfo",
+    "nav_area.data": "not a serialised woosh.map.field.FieldInfo",
+    "path_info.data": "not a serialised woosh.map.path.PathInfo",
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE_FILES)
+@pytest.mark.parametrize("described", [True, False], ids=["described", "not described"])
+def test_unreadable_files_of_a_map_are_refused(
+    client: JsonClient, name: str, described: bool
+) -> None:
+    hall = b"maps: [{name: hall, walls: [[0, -9, 9, -9, 9, 9, 0, 9, 0, -9]]}]"
+    files = {f"hall/{name}": b"\xff", **({"scene.yaml": hall} if described else {})}
+    request = {"sceneName": "lab", "mapName": "hall", "fileDatas": file_datas(files)}
+    assert UNREADABLE_FILES[name] in client.refusal("woosh.robot.SwitchMap", request)
+    client.ask("woosh.map.SceneData")
 
 
 @pytest.mark.parametrize(("files", "reason"), INVALID_UPLOADS)

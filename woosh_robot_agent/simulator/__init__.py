@@ -7,8 +7,8 @@
 
 The packages and modules; each imports only packages and modules above it in this list:
 
-- `timeline`: simulated time, and calls that are due later. `refusals`: reasons why the robot
-  refuses a request. `status_codes`: codes that the robot reports.
+- `timeline`: simulated time, and calls that are due later. `status_codes`: codes that the robot
+  reports. `refusals`: reasons why the robot refuses a request.
 - `profile`: how a robot of some model behaves, read from a file. `config`: the options.
 - `world`: geometry, maps, obstacles, collisions, laser and path planner.
 - `body`: the parts of the robot. `scenes`: maps with marks and tasks, read from files.
@@ -20,21 +20,17 @@ The packages and modules; each imports only packages and modules above it in thi
 - `protocol`: requests, reports and pushes.
 - `serving`: clients and connections.
 - `faults`: faults of the robot and the link that can be injected, e.g. lost answers.
+- `scene_check`: finds errors in the files of a scene.
 - `server`, `thread`, `command_line`: the simulated chassis in an event loop, in a thread, as a
-  program. `scene_check`: finds errors in the files of a scene.
+  program.
 """
 
 import importlib
 
-TYPE_CHECKING = False
+TYPE_CHECKING = False  # type checkers take it as True; so `typing` need not be imported
 if TYPE_CHECKING:
     from woosh_robot_agent.simulator.config import SimulatorConfig
-    from woosh_robot_agent.simulator.faults import (
-        FaultError,
-        Injection,
-        Scenario,
-        load_scenario,
-    )
+    from woosh_robot_agent.simulator.faults import FaultError, Injection, Scenario, load_scenario
     from woosh_robot_agent.simulator.server import SimulatedChassis, Snapshot
     from woosh_robot_agent.simulator.serving.exchange import Interceptor, Outgoing, Received
     from woosh_robot_agent.simulator.thread import SimulatorThread

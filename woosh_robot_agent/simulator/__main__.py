@@ -7,20 +7,17 @@ import sys
 
 from woosh_robot_agent.program import StopSignals, run_program
 
-TYPE_CHECKING = False
+TYPE_CHECKING = False  # type checkers take it as True; so `typing` need not be imported
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a simulated chassis until SIGINT or SIGTERM; see `command_line.run`.
+    """Run the simulator until SIGINT or SIGTERM; return its exit status, as `command_line.run`.
 
     Args:
         arguments: command-line arguments; None for the arguments of this process. Then further
             signals are ignored at the end, because the process is about to end.
-
-    Returns:
-        The exit status: 0, or 1 if the chassis could not start.
     """
     signals = StopSignals()
 

@@ -35,19 +35,13 @@ class Chassis(Robot):
     `tick` advances the simulated time by a step, and makes the scheduled calls that are due in it.
     Within a step, `run_until` makes scheduled calls at their exact times. Requests change the state
     at any time. Events, e.g. status codes, must all be pushed; they are collected until
-    `take_events` returns them.
-
-    Args:
-        config: the options.
-
-    Raises:
-        DataFileError: the file of the profile or of a scene cannot be used.
+    `take_events` returns them. The arguments are those of `Robot`.
 
     Attributes:
         call_muted: flag that SetMuteCall sets. It only shows in DeviceState.
         program_muted: flag that SetProgramMute sets. It only shows in DeviceState.
         spoken: the last texts that the robot was told to say.
-        lights: settings of the lights, by submodule.
+        lights: last request for each submodule of the lights.
         remote_controller: address of the radio remote controller, and the keys that are held down.
         teleop: remote control.
         follower: following of a leader.
@@ -56,7 +50,7 @@ class Chassis(Robot):
         ownership: starts and resumes jobs.
         auto_tasks: starts the tasks that the robot does by itself.
         mapping: makes maps.
-        deployment: collects marks.
+        deployment: collects marks and other points of the map.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -117,7 +111,7 @@ class Chassis(Robot):
         return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
 
     def begin_request(self, type_name: str) -> None:
-        """Choose when a request is answered, and if its changes are pushed before or after.
+        """Choose `answer_delay` and `state_first` for a request.
 
         Args:
             type_name: full name of the type of the request.
@@ -154,7 +148,7 @@ class Chassis(Robot):
         """Set the pose of the robot in the map.
 
         Raises:
-            RefusedError: the pose is outside the map, or the robot would overlap a wall.
+            RefusedError: the robot cannot stand there; see `require_room`.
         """
         self.require_room(pose)
         self.base.place(pose)
@@ -164,7 +158,7 @@ class Chassis(Robot):
             navigation.replan()
 
     def initialise(self) -> float:
-        """Begin to initialise the robot; return the duration, in seconds."""
+        """Begin to initialise the robot; return how long it will take, in simulated seconds."""
         duration = self.profile.answers.initialisation.sample(self.rng)
         self.readiness.initialised = False
 
@@ -185,22 +179,20 @@ class Chassis(Robot):
         self._check_conditions()
 
     def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
-        """Turn the key switch to manual, where the motors are off, or to automatic.
+        """Turn the key switch to manual, where the motors are off, or to automatic (False).
 
-        Args:
-            manual: True for manual, False for automatic.
-            accept: True to accept requests at manual, although nothing moves.
+        With `accept`, the robot accepts requests at manual, although nothing moves.
         """
         self.readiness.key_manual = manual
         self.readiness.key_accepts = accept
         self._check_conditions()
 
     def hold_remote_keys(self, keys: int, address: int) -> None:
-        """Hold down keys of a radio remote controller, one bit for each key; 0 releases all."""
+        """Hold down keys of the radio remote controller at `address`: one bit each, 0 for none."""
         self.remote_controller = device_pb2.RfRemoteController(address=address, keys=keys)
 
     def lose_localisation(self) -> None:
-        """Lose the localisation. A client must then send the pose."""
+        """Lose the localisation, until a client sends the pose."""
         self.readiness.located = False
         self._check_conditions()
 

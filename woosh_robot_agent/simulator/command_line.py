@@ -26,7 +26,7 @@ from woosh_robot_agent.simulator.server import SimulatedChassis
 _DISCONNECT_TIMEOUT = 1.0
 """Maximum time for which clients are still served after a signal, in seconds.
 
-The same Ctrl-C may end an agent, which stops the robot before it disconnects.
+The same Ctrl-C may end an agent, which must still be able to stop the robot.
 """
 
 _DASHBOARD = "woosh_robot_agent.tools.dashboard.beside_simulator"
@@ -47,8 +47,12 @@ Without a terminal, `ros2 launch` sends a second SIGINT after the process group 
 """
 
 
+class _PortError(Exception):
+    """A port cannot be used. The text says why, and what to do."""
+
+
 def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
-    """Run a simulated chassis until a signal arrives, or one of the tools, e.g. `--check`.
+    """Run a simulated chassis until a signal arrives; with `--check` or the like, only that tool.
 
     After the signal, the chassis serves its clients until they have disconnected, for a second at
     most. A second signal ends it at once, unless it comes within `_REPEAT_TIME` of the first one.
@@ -59,18 +63,40 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
 
     Returns:
         The exit status: 0, or 1 if the chassis could not start, or the tool failed or found errors.
+
+    Raises:
+        SystemExit: an argument or the scenario is invalid, or the help was printed.
     """
     parser = make_parser()
     options = parser.parse_args(arguments)
-    if options.list_faults:
-        print(markdown())
-        return 0
-    if options.check:
-        return _check(options.check, options.profile)
-    if options.learn:
-        if options.profile in SHIPPED:
-            parser.error("--learn needs --profile FILE: the new file to write")
-        return _learn(options.learn, Path(options.profile))
+    try:
+        if options.list_faults:
+            print(markdown())
+        elif options.check:
+            return _check(options.check, options.profile)
+        elif options.learn:
+            if options.profile in SHIPPED:
+                parser.error("--learn needs --profile FILE: the new file to write")
+            learn_profile = importlib.import_module(_LEARN).learn_profile
+            print(learn_profile(options.learn, Path(options.profile)))
+        else:
+            _run_chassis(parser, options, signals)
+    except (DataFileError, _PortError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run_chassis(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, signals: StopSignals
+) -> None:
+    """Run a simulated chassis until a signal arrives.
+
+    Raises:
+        DataFileError: the file of the profile or of a scene cannot be used.
+        _PortError: a port cannot be used.
+        SystemExit: an option or the scenario is invalid.
+    """
     log_to_stderr(
         [logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],
         "%(levelname)s %(name)s: %(message)s",
@@ -88,20 +114,13 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
         )
     try:
         asyncio.run(_serve(config, signals, options.dashboard))
-    except (DataFileError, _DashboardError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except BrokenPipeError:  # concerns the output, not a port
+    except BrokenPipeError:  # concerns standard output, not a port; `run_program` handles it
         raise
     except OSError as error:
-        reason = error.strerror or str(error)
-        print(
-            f"error: cannot listen on {config.host}: {reason}; "
-            "choose another address or other ports: --host, --port and --tcp-port",
-            file=sys.stderr,
-        )
-        return 1
-    return 0
+        raise _PortError(
+            f"cannot listen on {config.host}: {error.strerror or error}; "
+            "choose another address or other ports: --host, --port and --tcp-port"
+        ) from None
 
 
 _OPTIONS = [each for each in fields(SimulatorConfig) if each.metadata]
@@ -123,32 +142,13 @@ def _check(scene: Path, profile: str) -> int:
     """Print the errors in a scene, and return the exit status: 1 if there are any."""
     from woosh_robot_agent.simulator.scene_check import check_scene
 
-    try:
-        findings = check_scene(scene, load_profile(profile))
-    except DataFileError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    findings = check_scene(scene, load_profile(profile))
     print("\n".join(findings) if findings else f"{scene}: nothing is wrong")
     return 1 if findings else 0
 
 
-def _learn(source: Path, profile: Path) -> int:
-    """Write the profile of a robot, and return the exit status."""
-    module = importlib.import_module(_LEARN)
-    try:
-        print(module.learn_profile(source, profile))
-    except DataFileError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
-class _DashboardError(Exception):
-    """The page cannot be served. The text says why, and what to do."""
-
-
 async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: int | None) -> None:
-    """Serve clients, and the page if it has a port, until a signal arrives."""
+    """Serve clients until a signal arrives, and the page unless its port is None."""
     loop, stopping = asyncio.get_running_loop(), asyncio.Event()
 
     def on_signal() -> None:
@@ -163,14 +163,7 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
         async with simulator:
             async with AsyncExitStack() as stack:
                 if dashboard_port is not None:
-                    page = _dashboard(simulator, dashboard_port)
-                    try:
-                        url = await stack.enter_async_context(page)
-                    except OSError as error:
-                        raise _DashboardError(
-                            f"cannot serve the page on port {dashboard_port}: "
-                            f"{error.strerror or error}; choose another one: --dashboard PORT"
-                        ) from None
+                    url = await _serve_dashboard(stack, simulator, dashboard_port)
                     print(f"dashboard ready at {url}", flush=True)
                 host = url_host(config.host)
                 print(
@@ -190,11 +183,21 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
         loop.remove_reader(signals.fd)
 
 
-def _dashboard(simulator: SimulatedChassis, port: int) -> AbstractAsyncContextManager[str]:
-    """Return the context in which the page is served; it yields the address of the page."""
+async def _serve_dashboard(stack: AsyncExitStack, simulator: SimulatedChassis, port: int) -> str:
+    """Serve the page until `stack` is closed, and return the address of the page.
+
+    Raises:
+        _PortError: the port cannot be used.
+    """
     module = importlib.import_module(_DASHBOARD)
-    context: AbstractAsyncContextManager[str] = module.dashboard_beside(simulator, port)
-    return context
+    page: AbstractAsyncContextManager[str] = module.dashboard_beside(simulator, port)
+    try:
+        return await stack.enter_async_context(page)
+    except OSError as error:
+        raise _PortError(
+            f"cannot serve the page on port {port}: {error.strerror or error}; choose another "
+            "one: --dashboard PORT"
+        ) from None
 
 
 def _port(text: str) -> int:

@@ -110,7 +110,8 @@ class SimulatorConfig:
     initialised: bool = True
     """True if the robot knows its pose at the start. Otherwise a client must send InitRobot."""
     first_frame_timeout: float = 10.0
-    """Real time after which a client that has sent nothing is dropped, in seconds."""
+    """Real time after which a client that has sent nothing is dropped, in seconds. The handshake of
+    a WebSocket counts as sent."""
     charge_after: float = 600.0
     """Simulated time without a command before a robot with a low battery charges, in seconds."""
     park_after: float = 1800.0
@@ -143,5 +144,5 @@ class SimulatorConfig:
             return self.host == "localhost"
 
     def start_time(self) -> float:
-        """Return the start of the simulated clock, as Unix time in seconds."""
+        """Return the Unix time at which the simulated clock starts, without `clock_offset`."""
         return time.time() if self.seed is None else SEEDED_START

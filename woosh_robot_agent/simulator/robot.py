@@ -60,7 +60,8 @@ class Robot(Timeline):
         occupied: True if a client has reserved the robot.
         scan_time: simulated time of the last scan of the laser, in seconds.
         scan_pose: pose of the robot at the last scan.
-        pushed_scan_time: simulated time of the last scan that was pushed, in seconds.
+        pushed_scan_time: simulated time of the last scan that subscribers get, in seconds. They get
+            only some of the scans.
         footprint: the `woosh.robot.FootPrint` in use.
         footprints: outlines of the robot by `woosh.robot.FootPrint`.
         setting: settings, as reported to clients.
@@ -73,7 +74,7 @@ class Robot(Timeline):
         self.profile = load_profile(config.profile)
         self.omnidirectional = config.omnidirectional
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
-        """Seed of all random numbers; each generator adds a text of its own to it."""
+        """Seed of `rng` and of the laser noise, each with a text of its own behind it."""
         self.rng = random.Random(f"{self._seed}:chance")
         self.answer_delay = 0.0
         self.state_first = False
@@ -98,7 +99,7 @@ class Robot(Timeline):
         self.scan_time = 0.0
         self.pushed_scan_time = 0.0
         self._ranges: list[float] = []
-        """Ranges of the last scan in metres, empty until they are needed."""
+        """Ranges of the last scan, in metres; empty until `scan` computes them."""
         self.battery = Battery(93.0, self.profile.battery)
         self.jack = Lift("lift", Device.JACK, travel=0.06, default_speed=0.02)
         self.column = Lift("lift column", Device.COLUMN, travel=1.0, default_speed=0.2)
@@ -154,23 +155,24 @@ class Robot(Timeline):
         self.emit(status)
 
     def gap(self, pose: Pose) -> float:
-        """Return the gap in metres between the robot at `pose` and walls and obstacles.
+        """Return the gap between the robot at `pose` and walls and obstacles, in metres.
 
         It is negative if they overlap.
         """
         return self._collisions.gap(self.outline, pose, self.ground_truth, self.obstacles)
 
     def can_stand(self, pose: Pose) -> bool:
-        """Return True if the robot can stand at a pose of the map."""
+        """Return True if a pose is in the mapped area, and no wall or obstacle is in the way."""
         return self.map.contains(*pose.point) and self.gap(pose) >= 0.0
 
     def require_room(self, pose: Pose) -> None:
         """Check that the robot can stand at a pose of the map.
 
         Raises:
-            RefusedError: the pose is outside the map, or the robot would overlap a wall.
+            RefusedError: the pose is outside the mapped area, or the robot would overlap a wall or
+                an obstacle.
         """
-        if not self.map.contains(pose.x, pose.y):
+        if not self.map.contains(*pose.point):
             raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
         if self.gap(pose) < 0.0:
             raise RefusedError(
@@ -178,10 +180,12 @@ class Robot(Timeline):
             )
 
     def switch_map(self, scene: Scene, area: Map) -> None:
-        """Switch to another scene or map while there is no task. The pose of the robot stays."""
+        """Store a scene, and make one of its maps the current map, while there is no task.
+
+        The pose of the robot stays. A robot that cannot stand there has lost its localisation.
+        """
         self.scenes[scene.name] = scene
         self.scene, self.map = scene, area
-        # A pose that is not free floor of this map cannot be that of the robot.
         if not self.can_stand(self.base.pose):
             self.readiness.located = False
 
@@ -191,8 +195,8 @@ class Robot(Timeline):
         Args:
             old: the scene to replace, None for a new scene.
             new: the scene to store. It may have another name than the old scene.
-            current_map: name of the current map in `new`, if `old` is the current scene; empty if
-                the map keeps its name.
+            current_map: name that the current map has in `new`, if `old` is the current scene;
+                empty if the map keeps its name.
         """
         if old is self.scene:
             area = new.map(current_map or self.map.name)
@@ -219,13 +223,10 @@ class Robot(Timeline):
     @property
     def charger(self) -> Mark | None:
         """The charger at which the robot stands; None if it stands elsewhere."""
-        pose = self.base.pose
-        for mark in self.map.marks.values():
-            if (
-                mark.kind is MarkKind.CHARGER
-                and pose.distance(mark.pose.point) <= _CHARGER_DISTANCE
-            ):
-                return mark
+        chargers = (mark for mark in self.map.marks.values() if mark.kind is MarkKind.CHARGER)
+        for charger in chargers:
+            if self.base.pose.distance(charger.pose.point) <= _CHARGER_DISTANCE:
+                return charger
         return None
 
     def dock_distance(self, mark: Mark) -> float:
@@ -242,7 +243,7 @@ class Robot(Timeline):
         return 0.0
 
     def scan(self) -> list[float]:
-        """Return the ranges of one scan of the laser, in metres."""
+        """Return the ranges of the last scan of the laser, in metres."""
         self.begin_due_scan()
         if not self._ranges:
             # The noise depends on the time, not on the number of scans: equal seeds give equal

@@ -9,11 +9,10 @@ from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator.profile import Profile
 from woosh_robot_agent.simulator.scenes import robot_files
-from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS
+from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS, read_action_groups
 from woosh_robot_agent.simulator.scenes.files import load_scene, read_robot_folder, start_place
 from woosh_robot_agent.simulator.scenes.scene import (
     MAP_FILE,
-    MARK_INFO,
     SCENE_INDEX,
     TASK_INFO,
     Scene,
@@ -24,11 +23,11 @@ from woosh_robot_agent.simulator.world.planner import PATH_MARGIN, SearchBudgetE
 
 
 def check_scene(path: Path, profile: Profile) -> list[str]:
-    """Return the errors in a scene, a line for each error.
+    """Return a line for each error in a scene; an empty list if there is none.
 
     Args:
         path: folder or file of the scene, as for `load_scene`.
-        profile: the robot that is to drive there.
+        profile: profile of the robot that is to drive there.
     """
     try:
         is_robot_folder = (path / SCENE_INDEX).is_file()
@@ -42,11 +41,11 @@ def check_scene(path: Path, profile: Profile) -> list[str]:
 
 
 def _unreadable_files(folder: Path) -> Iterator[str]:
-    """Yield the error of each file in the folder of a robot's scene that cannot be read."""
+    """Yield an error for each file in a robot's folder that is invalid or of an unnamed map."""
     files = read_robot_folder(folder)
     maps = robot_files.map_names(files[SCENE_INDEX])
-    yield from _errors_of(lambda: robot_files.read_groups(files.get(ACTION_GROUPS, b"")))
-    yield from _errors_of(lambda: robot_files.read_task_info(TASK_INFO, files.get(TASK_INFO, b"")))
+    yield from _errors_of(lambda: read_action_groups(files.get(ACTION_GROUPS, b"")))
+    yield from _errors_of(lambda: robot_files.read_task_info(files))
     for name in maps:
         yield from _unreadable_map_files(name, files)
     for other in sorted(folder.glob(f"*/{MAP_FILE}")):
@@ -64,8 +63,7 @@ def _unreadable_map_files(name: str, files: Mapping[str, bytes]) -> Iterator[str
     # The file of the keep-out areas can only be checked if the map can be read.
     picture_errors = _errors_of(lambda: robot_files.read_map_picture(name, files))
     yield from picture_errors or _errors_of(read_keepout)
-    marks = f"{name}/{MARK_INFO}"
-    yield from _errors_of(lambda: robot_files.read_mark_info(marks, files.get(marks, b"")))
+    yield from _errors_of(lambda: robot_files.read_mark_info(name, files))
     yield from _errors_of(lambda: robot_files.check_unused_files(name, files))
 
 
@@ -79,7 +77,10 @@ def _errors_of(read: Callable[[], object]) -> list[str]:
 
 
 def _unusable_places(scene: Scene, profile: Profile) -> Iterator[str]:
-    """Yield what a robot cannot use in a scene: the start, marks and tasks."""
+    """Yield an error for each part of a scene that a robot cannot use: start, marks and tasks.
+
+    Only the marks on the map of the start must be reachable.
+    """
     first, pose = start_place(scene)
     outline = hull(profile.model.outline)
     if not first.contains(*pose.point) or first.gap(outline, pose) < 0.0:
@@ -108,13 +109,14 @@ def _can_drive(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
 
 
 def _unusable_tasks(scene: Scene) -> Iterator[str]:
-    """Yield the types of tasks without actions, and the tasks whose marks are on no map."""
+    """Yield an error for each task type without actions, and for each task of an unknown mark."""
     for kind in task_pb2.Type.values():
         if kind and not scene.action_groups.numbers(kind):  # 0 is the undefined type
             yield f"{ACTION_GROUPS}: it has no actions for tasks of type {kind}"
     marks = {number for area in scene.maps for number in area.marks}
-    sets = [each.task_set for each in scene.predefined.repeat_tasks]
-    for task_set in [*sets, *(each.task_set for each in scene.calls.call_tasks)]:
+    task_sets = [each.task_set for each in scene.predefined.repeat_tasks]
+    task_sets += [each.task_set for each in scene.calls.call_tasks]
+    for task_set in task_sets:
         for task in task_set.tasks:
             if task.base.mark_no not in marks:
                 yield (

@@ -29,13 +29,13 @@ class Snapshot:
     Attributes:
         elapsed: simulated time since the start, in seconds.
         pose: pose in the map's frame, in metres and radians.
-        velocity: velocity, in m/s and rad/s.
+        velocity: velocity in the robot's frame, in m/s and rad/s.
         odometer: total distance driven, in metres.
         jack: height of the lift of LiftControl, in metres.
         column: height of the lift of LiftControl2 and LiftControl3, in metres.
         following: True if the robot follows a leader.
-        spoken: the last texts that the robot was told to say.
-        lights: settings of the lights, by submodule.
+        spoken: the last texts that the robot was told to say, oldest first.
+        lights: last request for each submodule of the lights.
         remote_keys: keys of the radio remote controller that are held down, one bit each.
         info: all states as reported to clients.
     """
@@ -88,7 +88,7 @@ class SimulatedChassis(Server):
         self.start_clock()
 
     async def stop(self) -> None:
-        """Close everything, within about a second."""
+        """Close all connections, and the ports."""
         self.stop_clock()
         self._injector.clear()  # otherwise, paused connections could not close
         await self.settle()
@@ -154,21 +154,21 @@ class SimulatedChassis(Server):
 
     @property
     def received(self) -> list[Received]:
-        """The last 10,000 messages from clients, oldest first."""
+        """The last messages from clients, oldest first: at most 10,000 and 64 MiB."""
         return list(self._handler.received)
 
     @property
     def counts(self) -> Counter[str]:
-        """Number of messages from clients, subscriptions included, by type."""
+        """Number of readable messages from clients since the start, by type."""
         return Counter(self._handler.counts)
 
     @property
     def bad_frames(self) -> int:
-        """Number of frames that could not be decoded."""
+        """Number of frames from clients that could not be decoded."""
         return self._handler.bad_frames
 
     def last(self, type_name: str) -> Message | None:
-        """Return the last message of a type from a client, None if there is none."""
+        """Return the last message of a type in `received`, None if there is none."""
         for received in reversed(self._handler.received):
             if received.type == type_name:
                 return received.message
@@ -177,10 +177,10 @@ class SimulatedChassis(Server):
     async def wait_received(
         self, type_name: str, count: int = 1, timeout: float = 60.0
     ) -> Message | None:
-        """Wait until clients have sent `count` messages of a type since the start of the run.
+        """Wait until clients have sent `count` messages of a type since the start.
 
         Returns:
-            The last of these messages.
+            The last message of the type; None if it is no longer in `received`.
 
         Raises:
             asyncio.TimeoutError: they have not arrived within `timeout` seconds.
@@ -205,7 +205,7 @@ class SimulatedChassis(Server):
         self._replace_fault("wrong_type", type_name, other=other)
 
     def accept(self, type_name: str) -> None:
-        """End all faults that apply only to requests of a type."""
+        """End all faults that apply only to requests of this type."""
         for injection in self.faults:
             if injection.arguments.get("type") == type_name:
                 injection.clear()

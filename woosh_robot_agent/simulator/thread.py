@@ -60,7 +60,7 @@ class _Property(Generic[T]):
 class ThreadInjection:
     """A fault that was injected into a `SimulatorThread`, with the attributes of an `Injection`.
 
-    `clear` runs in the simulator's thread; attributes are read directly.
+    `clear` runs in the simulator's thread. Attributes are read in the calling thread.
     """
 
     def __init__(self, injection: Injection, thread: SimulatorThread) -> None:
@@ -91,11 +91,11 @@ class SimulatorThread:
     def __init__(self, config: SimulatorConfig | None = None) -> None:
         self._config = config
         self._ready: concurrent.futures.Future[SimulatedChassis] = concurrent.futures.Future()
-        """Done when clients can connect, or when the start has failed."""
+        """Has the chassis as soon as clients can connect, or the error if the start has failed."""
         self._loop: asyncio.AbstractEventLoop
         """Event loop of the thread, set by the thread."""
         self._stopping = asyncio.Event()
-        """Set in the thread to end it."""
+        """Set in the thread to end it: an asyncio event may only be set there."""
         self._thread = threading.Thread(target=self._run, name="simulator", daemon=True)
 
     def __enter__(self) -> SimulatorThread:
@@ -109,21 +109,26 @@ class SimulatorThread:
         """Start the thread, and return when clients can connect.
 
         Raises:
+            DataFileError: the file of the profile or of a scene cannot be used.
             OSError: a port is in use.
+            concurrent.futures.TimeoutError: the start has taken more than 10 s.
         """
         self._thread.start()
         self._ready.result(_CALL_TIMEOUT)
 
     def stop(self) -> None:
-        """Close everything, and wait for the thread to end."""
+        """Close everything, and wait for the thread to end, for 10 s at most."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stopping.set)
             self._thread.join(_CALL_TIMEOUT)
 
     def call(self, do: Callable[[SimulatedChassis], T]) -> T:
-        """Call `do` in the simulator's thread and return its result.
+        """Call `do` in the simulator's thread. Return its result, or raise its exception.
 
         If `do` begins or ends the fault `off`, the ports are closed or open when this returns.
+
+        Raises:
+            concurrent.futures.TimeoutError: the call has taken more than 10 s.
         """
         simulator = self._simulator
 
@@ -196,7 +201,7 @@ class SimulatorThread:
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(timeout)
 
     def _run(self) -> None:
-        """Run the event loop. `start` raises an error that occurs before clients can connect."""
+        """Run the event loop. An error before clients can connect is handed over to `start`."""
         try:
             asyncio.run(self._serve())
         except BaseException as error:

@@ -38,7 +38,7 @@ Domain N is in use while the port `_LOCK_PORT` + N is bound.
 _DOMAINS = 100
 """Number of domains for tests, from 1."""
 _counter = itertools.count()
-"""Counts the calls of `own_domain`, so that each call tries another domain first."""
+"""Number of calls of `own_domain`, so that each call tries another domain first."""
 _locks: dict[int, socket.socket] = {}
 """Bound sockets of the domains that this process uses, by domain."""
 
@@ -52,31 +52,39 @@ def own_domain() -> Iterator[int]:
     Raises:
         RuntimeError: all domains for tests are in use.
     """
+    domain, lock = _lock_domain()
+    _locks[domain] = lock
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            for name, value in domain_variables(domain).items():
+                patch.setenv(name, value)
+            yield domain
+    finally:
+        del _locks[domain]
+        lock.close()
+
+
+def _lock_domain() -> tuple[int, socket.socket]:
+    """Return a domain that is not in use, and the socket that locks it until it is closed."""
     # processes that start one after the other begin at distant domains
     start = (os.getpid() * 17 + next(_counter)) % _DOMAINS
     for offset in range(_DOMAINS):
         domain = 1 + (start + offset) % _DOMAINS
-        with socket.socket() as lock:
-            try:
-                lock.bind(("127.0.0.1", _LOCK_PORT + domain))
-            except OSError:
-                continue
-            _locks[domain] = lock
-            try:
-                with pytest.MonkeyPatch.context() as patch:
-                    for name, value in domain_variables(domain).items():
-                        patch.setenv(name, value)
-                    yield domain
-            finally:
-                del _locks[domain]
-            return
+        lock = socket.socket()
+        try:
+            lock.bind(("127.0.0.1", _LOCK_PORT + domain))
+        except OSError:
+            lock.close()
+        else:
+            return domain, lock
     raise RuntimeError(f"all {_DOMAINS} ROS domains for tests are in use on this machine")
 
 
 def inherited_lock(domain: int) -> tuple[int, ...]:
     """Return the file descriptors that a child process in a domain must inherit.
 
-    They keep the domain in use for as long as the process runs, even if the test is killed.
+    They keep the domain in use for as long as the process runs, even if the test is killed. There
+    are none if the domain is not one of `own_domain`.
     """
     return (_locks[domain].fileno(),) if domain in _locks else ()
 
@@ -96,7 +104,7 @@ class Spinner:
     An exception of a callback ends the spinning; `stop` raises it again.
 
     Args:
-        executor: the executor; its nodes are added by the caller.
+        executor: the executor, to which the caller adds the nodes.
     """
 
     def __init__(self, executor: Any) -> None:
@@ -134,14 +142,10 @@ def spinning(*nodes: Any) -> Iterator[None]:
     executor = SingleThreadedExecutor(context=nodes[0].context)
     for node in nodes:
         executor.add_node(node)
-    spinner = Spinner(executor)
-    try:
+    with contextlib.ExitStack() as stack:
+        stack.callback(executor.shutdown)
+        stack.callback(Spinner(executor).stop)
         yield
-    finally:
-        try:
-            spinner.stop()
-        finally:
-            executor.shutdown()
 
 
 _CLOSING_SPIN_TIMEOUT = 0.02
@@ -251,7 +255,7 @@ class AgentProcess:
         domain: ROS_DOMAIN_ID of the agent.
         namespace: namespace of the agent.
         process: the process.
-        lines: lines that the agent has logged.
+        lines: lines that the agent has logged so far, each with its line end.
     """
 
     # Subclasses may override the module to run, and options of `subprocess.Popen`.
@@ -291,7 +295,7 @@ class AgentProcess:
             times: number of occurrences since the start of the agent.
 
         Raises:
-            AssertionError: the text was not logged within 60 s, or the agent has ended.
+            AssertionError: the text was not logged within 60 s, or the agent ended without it.
         """
 
         def is_logged() -> bool:
@@ -349,11 +353,13 @@ def running_agent(
             this process, which starts faster and can be debugged.
         domain: ROS_DOMAIN_ID of the agent; by default a new one from `own_domain`.
         namespace: namespace of the agent.
-        parameters: parameters of the agent; by default, `ip` and `port` lead to `chassis`.
+        parameters: parameters of the agent, e.g. `transport="tcp"`; by default, `ip` and `port`
+            lead to `chassis`. In this process, also fields of `LinkConfig`.
 
     Raises:
-        AssertionError: the agent did not connect within 60 s.
-        ValueError: a parameter is invalid.
+        AssertionError: the agent did not connect within 60 s, or its process has ended.
+        RuntimeError: all domains for tests are in use.
+        ValueError: a parameter is invalid, and the agent runs in this process.
     """
     tcp = parameters.get("transport") == "tcp"
     link: dict[str, Any] = {"ip": "127.0.0.1", "port": chassis.tcp_port if tcp else chassis.port}

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from google.protobuf.message import Message
+
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
@@ -42,7 +44,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 
 @command(pack.Twist)
 def _twist(chassis: Chassis, request: pack.Twist) -> Result:
-    """Drive by remote control. A velocity of zero stops everything that drives."""
+    """Drive by remote control. A velocity of zero stops everything that drives, in any mode."""
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
         driver = chassis.ownership.driver
@@ -64,20 +66,16 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
 
 
 @command(pack.Follow)
-def _follow(chassis: Chassis, request: pack.Follow) -> Result:
+def _follow(chassis: Chassis, request: pack.Follow) -> None:
     if request.type:  # a flag: follow or stop following
         chassis.readiness.require_ready()
         chassis.ownership.follow()
     else:
         chassis.follower.active = False
-    return None
 
 
 _MAX_STEPS = 1000
 """Maximum number of steps of an action."""
-
-_MIN_SPEED = 0.01
-"""Minimum speed of steps and navigation, in m/s or rad/s."""
 
 _MIN_LIFT_SPEED = 0.001
 """Minimum speed of the lift, in m/s."""
@@ -87,7 +85,7 @@ _Lift3 = action_pb2.LiftControl3
 
 
 @command(ros_pack_pb2.CallAction)
-def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
+def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> None:
     """Execute, cancel, pause or resume an action, or set the navigation mode."""
     field = request.WhichOneof("action")
     if field is None:
@@ -98,7 +96,7 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         _set_navigation_mode(chassis, action)
         # This action needs no device, so `ownership` has nothing to decide.
         chassis.actions.start(name, Done("navigation mode set"))
-        return None
+        return
     if field not in _JOBS:
         raise RefusedError(f"unknown action {action.type}: this chassis has {', '.join(_JOBS)}")
     if action.action == action_pb2.kExecute:
@@ -117,7 +115,6 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> Result:
         raise RefusedError(
             f"unknown control action {action.action}: 0 is cancel, 1 execute, 2 pause, 3 resume"
         )
-    return None
 
 
 _LONGEST_WAIT = 2**32 - 1
@@ -142,7 +139,7 @@ def _set_navigation_mode(chassis: Chassis, action: action_pb2.NavigationMode) ->
         type=arrival,
         mode=mode,
         wait_timeout=max(0, int(action.wait_time)),
-        max_speed=usable_speed(action.max_speed, _MIN_SPEED),
+        max_speed=usable_speed(action.max_speed),
         permitted_passage=action.permitted_passage,
         capacity=action.capacity,
     )
@@ -164,7 +161,7 @@ def _step_control(chassis: Chassis, action: action_pb2.StepControl) -> Job:
 
 
 def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
-    speed = usable_speed(step.speed, _MIN_SPEED)
+    speed = usable_speed(step.speed)
     if step.mode == _StepMode.kRotate:
         return Turn(step.value, min(speed or STEP_SPEED, chassis.base.max_turn_rate))
     directions = {
@@ -248,12 +245,12 @@ _JOBS: dict[str, Callable[[Chassis, Any], Job]] = {
     "charge_control": _charge_control,
     "move_base": _move_base,
 }
-"""Functions that make the job of an action, by the name of its field in CallAction."""
+"""Functions that make the job of an action, by its field in CallAction; `nav_mode` has no job."""
 
 
 @query(pack.PlanNavPath)
-def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Result:
-    """Return the path that a navigation would take, without driving."""
+def _plan_nav_path(chassis: Chassis, request: pack.PlanNavPath) -> Message:
+    """Return the path that a navigation would take, without driving; by default from the robot."""
     if not request.HasField("end"):
         raise RefusedError("PlanNavPath has no end: give the pose to plan a path to")
     if request.tolerance < 0.0:

@@ -30,10 +30,11 @@ class Answer:
     """The answer to a request.
 
     Attributes:
-        type: full protobuf name of the body, or `error`.
+        type: full protobuf name of the body; without a body, the one of the request, or `error` if
+            no request has its type.
         body: body, None for an empty body.
-        ok: True if the request was executed.
-        msg: text for people; the reason if the request was refused.
+        ok: True if the request was executed, or if its refusal is `harmless` and explained.
+        msg: text for people; the reason if the request was refused; empty for most queries.
         code: status code that follows the answer, None if there is none.
     """
 
@@ -49,7 +50,7 @@ HANDLERS: dict[str, Handler] = {**QUERIES, **COMMANDS}
 
 
 def dispatch(chassis: Chassis, request: Message) -> Answer:
-    """Execute a request, whose type must be in `HANDLERS`, and return the answer."""
+    """Execute or refuse a request, whose type must be in `HANDLERS`, and return the answer."""
     name = request.DESCRIPTOR.full_name
     text = chassis.profile.refusals.always.get(name)  # this robot model refuses the type
     if text is not None:
@@ -84,5 +85,5 @@ def _answer_refused(chassis: Chassis, name: str, error: RefusedError) -> Answer:
 
 
 def refusal_answer(name: str, reason: str) -> Answer:
-    """Return the answer to a request that is refused without calling its handler."""
+    """Return the answer to a request of the type `name` that is refused without a handler."""
     return Answer(name if name in HANDLERS else "error", None, ok=False, msg=reason)

@@ -62,7 +62,7 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
     """Convert messages to poses.
 
     Raises:
-        RefusedError: there are more than `MAX_POSES` messages.
+        RefusedError: there are more than `MAX_POSES` poses.
     """
     converted = [pose(message) for message in messages]
     if len(converted) > MAX_POSES:
@@ -114,15 +114,15 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
 
 
 def require_map_changeable(chassis: Chassis) -> None:
-    """Check that the current map may change: nothing runs or is paused that depends on it.
+    """Check that the current map may change: nothing that depends on it runs or is paused.
 
     Raises:
-        RefusedError: a task, an action or a navigation runs or is paused.
+        RefusedError: a task runs or is paused, an action drives, or a navigation is paused.
     """
     # A paused task or navigation would continue to a target on the old map.
     if chassis.tasks.paused:
         raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
-    if chassis.tasks.active:
+    if chassis.tasks.active or chassis.tasks.between_tasks:
         raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
     if chassis.ownership.driver:
         raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)
@@ -130,11 +130,15 @@ def require_map_changeable(chassis: Chassis) -> None:
         raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
 
 
-def usable_speed(speed: float, minimum: float) -> float:
-    """Return the absolute value of a requested speed, where 0 stands for the default.
+_MIN_SPEED = 0.01
+"""Minimum speed of steps and navigation, in m/s or rad/s."""
+
+
+def usable_speed(speed: float, minimum: float = _MIN_SPEED) -> float:
+    """Return the absolute value of a requested speed; 0, which stands for the default, stays 0.
 
     Raises:
-        RefusedError: the speed is less than `minimum`.
+        RefusedError: the speed is slower than `minimum`, but not 0.
     """
     if 0.0 < abs(speed) < minimum:
         raise RefusedError(

@@ -16,7 +16,6 @@ from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointK
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
-    Result,
     command,
     named_map,
     named_scene,
@@ -35,10 +34,11 @@ from woosh_robot_agent.simulator.scenes.scene import (
     without_map,
 )
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Map
 
 
 @command(pack.SwitchMap)
-def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
+def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> None:
     """Switch to a map, whose files may come with the request."""
     _require_idle(chassis)
     if request.file_datas:
@@ -52,17 +52,19 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> Result:
             scene = dataclasses.replace(
                 chassis.scene, name=name, maps=[area], start_map="", files=files
             )
+            scene_files.check_map_files(scene)
     else:
         name = request.scene_name or _scene_of_map(chassis, request.map_name)
         scene = named_scene(chassis, name)
     map_name = request.map_name or scene_files.first_map(scene, request.file_datas)
     chassis.switch_map(scene, named_map(scene, map_name))
     chassis.deployment.end_session()
-    return None
 
 
 def _scene_of_map(chassis: Chassis, map_name: str) -> str:
-    """Return the name of the scene with a map: the current scene, unless only another one has it.
+    """Return the name of the scene that has a map.
+
+    That is the current scene if it has the map, or if no scene has it, or if no map is named.
 
     Raises:
         RefusedError: the current scene does not have the map, and several others have it.
@@ -76,7 +78,7 @@ def _scene_of_map(chassis: Chassis, map_name: str) -> str:
 
 
 @command(map_pack_pb2.Upload)
-def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
+def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> None:
     """Add a scene or change it by uploaded files, without switching to it."""
     if not request.file_datas:
         raise RefusedError("the upload has no files: give at least one")
@@ -100,39 +102,42 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> Result:
             "switch to another scene first"
         )
     chassis.replace_scene(old, scene)
-    return None
 
 
 @command(map_pack_pb2.Rename)
-def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> Result:
+def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> None:
     """Rename a scene, a map, or both."""
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
     old = new = named_scene(chassis, request.old_scene_name)
     current_map = chassis.map.name
     if request.old_map_name:
-        area, map_name = named_map(old, request.old_map_name), request.new_map_name
-        require_name("new_map_name", map_name)
-        if map_name != area.name:
-            if old.map(map_name):
-                raise RefusedError(refusals.MAP_EXISTS, map=map_name, scene=old.name)
-            new = with_map_renamed(old, area, map_name)
+        area = named_map(old, request.old_map_name)
+        new = _with_map_renamed(old, area, request.new_map_name)
         if area is chassis.map:
-            current_map = map_name
+            current_map = request.new_map_name
     elif request.new_map_name:
         raise RefusedError(refusals.NO_NAME, field="old_map_name")
-    if not request.old_map_name or request.new_scene_name:
+    if request.new_scene_name or not request.old_map_name:
         scene_name = request.new_scene_name
         require_name("new_scene_name", scene_name)
         if scene_name != old.name and scene_name in chassis.scenes:
             raise RefusedError(f"scene {scene_name} exists already: choose another name")
         new = dataclasses.replace(new, name=scene_name)
     chassis.replace_scene(old, new, current_map)
-    return None
+
+
+def _with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
+    require_name("new_map_name", name)
+    if name == area.name:
+        return scene
+    if scene.map(name):
+        raise RefusedError(refusals.MAP_EXISTS, map=name, scene=scene.name)
+    return with_map_renamed(scene, area, name)
 
 
 @command(map_pack_pb2.Delete)
-def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
-    """Delete a scene, or one map of it; of the current scene if none is named."""
+def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> None:
+    """Delete a scene, or one map of a scene: of the current one if no scene is named."""
     if not request.scene_name and not request.map_name:
         raise RefusedError(refusals.NO_NAME, field="scene_name")
     scene = named_scene(chassis, request.scene_name)
@@ -140,7 +145,7 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
         if scene is chassis.scene:
             raise RefusedError(f"the robot is in scene {scene.name}: switch to another one first")
         del chassis.scenes[scene.name]
-        return None
+        return
     area = named_map(scene, request.map_name)
     if area is chassis.map:
         raise RefusedError(f"the robot is on map {area.name}: switch to another one first")
@@ -149,21 +154,24 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> Result:
             f"map {area.name} is the only one of scene {scene.name}: delete the scene instead"
         )
     chassis.replace_scene(scene, without_map(scene, area))
-    return None
 
 
 def _require_idle(chassis: Chassis) -> None:
-    """Check that the robot does nothing that a change of the current map would disturb.
+    """Check that the current map may change, and that no map is being made.
 
     Raises:
-        RefusedError: a task, an action or a navigation runs or is paused, or a map is being made.
+        RefusedError: the map must not change now.
     """
     require_map_changeable(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
 
 
 def _old_scene(chassis: Chassis, name: str) -> Scene | None:
-    """Return the scene that an upload changes, or None if the upload adds a scene."""
+    """Return the scene that an upload changes, or None if the upload adds a scene.
+
+    Raises:
+        RefusedError: there are too many scenes to add another one.
+    """
     old = chassis.scenes.get(name)
     if not old and len(chassis.scenes) >= MAX_SCENES:
         raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
@@ -201,7 +209,7 @@ def _scene_md5s(scene: Scene) -> map_pack_pb2.SceneFileMD5:
 
 @query(map_pack_pb2.SceneSync)
 def _scene_sync(chassis: Chassis, request: map_pack_pb2.SceneSync) -> Message:
-    """Return the requested files of the scenes, each once per scene."""
+    """Return the requested files, each once per scene."""
     # By scene and file name, because files of two scenes may have the same name.
     files_of_scenes: dict[tuple[str, str], bytes] = {}
     for wanted in request.scenes:
@@ -241,7 +249,7 @@ _KINDS: dict[int, PointKind] = {
 
 
 @command(pack.BuildMap)
-def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
+def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
     """Start to make or to update a map, save it, or cancel it."""
     mapping, kind = chassis.mapping, request.type
     if kind in (pack.BuildMap.kAdd, pack.BuildMap.kUpdate):
@@ -262,29 +270,14 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> Result:
         raise RefusedError(f"unknown type {kind} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save")
     # The answer comes when the map is started, saved or cancelled.
     chassis.answer_delay = duration
-    return None
 
 
 @command(pack.Deployment)
-def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
+def _deployment(chassis: Chassis, request: pack.Deployment) -> Message:
     """Collect or remove points of the map, or calibrate its reflectors."""
-    kind, mode = request.type, request.mode
-    if request.robot_id not in (0, chassis.robot_id):
-        raise RefusedError(
-            f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
-        )
-    # Only collecting needs a type; without a type, a cancel concerns all kinds of points.
-    if kind not in _KINDS and (kind or mode == pack.kDepCollect):
-        raise RefusedError(
-            f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
-        )
-    if mode not in (pack.kDepCollect, pack.kDepCancel, pack.kDepReflector):
-        raise RefusedError(
-            f"unknown mode {mode} of Deployment: 1 is collect, 2 cancel, 3 calibrate"
-        )
-    if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
-        raise RefusedError("only reflectors can be calibrated: use type 3")
+    _check_deployment(chassis, request)
     chassis.deployment.require_ready()
+    kind, mode = request.type, request.mode
     points: Sequence[CollectedPoint] = []
     if mode == pack.kDepCollect:
         given = pose(request.pose)
@@ -301,3 +294,22 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Result:
     return pack.DeploymentResponse(
         type=kind, mode=mode, markers=markers, check_times=1 if markers else 0
     )
+
+
+def _check_deployment(chassis: Chassis, request: pack.Deployment) -> None:
+    kind, mode = request.type, request.mode
+    if request.robot_id not in (0, chassis.robot_id):
+        raise RefusedError(
+            f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
+        )
+    # Only collecting needs a type; without a type, a cancel concerns all kinds of points.
+    if kind not in _KINDS and (kind or mode == pack.kDepCollect):
+        raise RefusedError(
+            f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
+        )
+    if mode not in (pack.kDepCollect, pack.kDepCancel, pack.kDepReflector):
+        raise RefusedError(
+            f"unknown mode {mode} of Deployment: 1 is collect, 2 cancel, 3 calibrate"
+        )
+    if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
+        raise RefusedError("only reflectors can be calibrated: use type 3")

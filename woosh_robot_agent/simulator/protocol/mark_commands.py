@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from google.protobuf.message import Message
+
 from woosh_robot_agent.pb.map import mark_pb2, storage_edit_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.protocol.handlers import Result, command, named_mark, query
+from woosh_robot_agent.simulator.protocol.handlers import command, named_mark, query
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.robot_files import MAX_MARKS
 from woosh_robot_agent.simulator.scenes.scene import (
@@ -27,17 +29,17 @@ _MAX_MARK = 4096
 
 
 @query(storage_edit_pb2.Find)
-def _find(chassis: Chassis, request: storage_edit_pb2.Find) -> Result:
+def _find(chassis: Chassis, request: storage_edit_pb2.Find) -> Message:
     return storage_of(named_mark(chassis, request.no))
 
 
 @query(storage_edit_pb2.Storages)
-def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Result:
+def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Message:
     return storages_of(chassis.map.marks.values())
 
 
 @command(storage_edit_pb2.Create)
-def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
+def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Message:
     area, storage = chassis.map, copy_of(request.storage)  # the recorded request must not change
     if len(area.marks) >= MAX_MARKS:
         raise RefusedError(f"map {area.name} has {MAX_MARKS} marks already: delete one first")
@@ -54,7 +56,7 @@ def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Result:
 
 
 @command(storage_edit_pb2.Update)
-def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
+def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> None:
     """Change the mark with the given number; if no mark has it, renumber the mark with the id."""
     area, changes = chassis.map, request.storage
     number, id_ = changes.identity.no, changes.identity.id
@@ -71,14 +73,12 @@ def _update(chassis: Chassis, request: storage_edit_pb2.Update) -> Result:
     storage.identity.id = id_ or old.id
     mark = _checked(chassis, storage, old)
     _store(chassis, [mark if each is old else each for each in area.marks.values()])
-    return None
 
 
 @command(storage_edit_pb2.Delete)
-def _delete(chassis: Chassis, request: storage_edit_pb2.Delete) -> Result:
+def _delete(chassis: Chassis, request: storage_edit_pb2.Delete) -> None:
     old = named_mark(chassis, request.no)
     _store(chassis, [each for each in chassis.map.marks.values() if each is not old])
-    return None
 
 
 def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = None) -> Mark:

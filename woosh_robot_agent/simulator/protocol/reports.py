@@ -75,7 +75,7 @@ def robot_state(chassis: Chassis) -> robot_pb2.RobotState:
 
 
 def mode(chassis: Chassis) -> robot_pb2.Mode:
-    """Return control and work mode."""
+    """Return the effective control mode, and the work mode."""
     readiness = chassis.readiness
     return robot_pb2.Mode(robot_id=chassis.robot_id, ctrl=readiness.control, work=readiness.work)
 
@@ -132,12 +132,12 @@ def task_proc(chassis: Chassis) -> robot_pb2.TaskProc:
 
 
 def task_history(chassis: Chassis) -> robot_pb2.TaskHistory:
-    """Return the ended tasks."""
+    """Return the last ended tasks."""
     return robot_pb2.TaskHistory(tes=chassis.tasks.history)
 
 
 def device_state(chassis: Chassis) -> robot_pb2.DeviceState:
-    """Return buttons and flags as bits."""
+    """Return the emergency stop button and the flags, one bit each."""
     flags = (
         (chassis.readiness.located, _Device.kLocation),
         (chassis.jack.raised, _Device.kGoodsState),
@@ -183,7 +183,7 @@ def model(chassis: Chassis) -> robot_pb2.Model:
 
 
 def status_codes(chassis: Chassis) -> robot_count_pb2.StatusCodes:
-    """Return the last status codes."""
+    """Return the last status codes, including those of problems that are over."""
     return robot_count_pb2.StatusCodes(robot_id=chassis.robot_id, scs=chassis.codes.recent)
 
 
@@ -193,7 +193,7 @@ def abnormal_codes(chassis: Chassis) -> robot_count_pb2.AbnormalCodes:
 
 
 def nav_path(chassis: Chassis) -> robot_pb2.NavPath:
-    """Return the path of the navigation; empty without a navigation."""
+    """Return the path of the running or paused navigation; empty without one."""
     path = navigation_pb2.Path()
     if chassis.ownership.navigation:
         path.poses.extend(map(pose2d, chassis.ownership.navigation.path))
@@ -201,7 +201,7 @@ def nav_path(chassis: Chassis) -> robot_pb2.NavPath:
 
 
 def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
-    """Return the path of the navigation with its target; empty without a navigation."""
+    """Return the path of the running or paused navigation with its target; empty without one."""
     plan = robot_pb2.PlanPath(robot_id=chassis.robot_id)
     if chassis.ownership.navigation:
         plan.plan_path.add(
@@ -219,7 +219,7 @@ def remote_controller(chassis: Chassis) -> device_pb2.RfRemoteController:
 
 
 def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
-    """Return all states of the robot in one message."""
+    """Return all states of the robot, and the last records of its statistics, in one message."""
     return robot_pb2.RobotInfo(
         robot_id=chassis.robot_id,
         genral=general(chassis),  # the misspelling is that of the schema
@@ -245,7 +245,7 @@ def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
 
 
 def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
-    """Return one scan of the laser."""
+    """Return the last scan of the laser, and the pose at which the robot made it."""
     laser = chassis.laser
     return robot_pb2.ScannerData(
         robot_id=chassis.robot_id,
@@ -262,7 +262,7 @@ def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
 
 
 def build_map_data(chassis: Chassis) -> robot_pack_pb2.BuildMapData:
-    """Return the map that is being made; empty if no map is being made.
+    """Return the map that is being made; empty while no scans are added to a map.
 
     The picture has the grey values of `scene_data`. The marks are a serialised MarkInfo.
     """
@@ -381,7 +381,7 @@ PERIODIC: dict[type[Message], Callable[[Chassis], Message]] = {
 
 _STATES = {cls.DESCRIPTOR.full_name: report for cls, report in STATES.items()}
 _PERIODIC = {cls.DESCRIPTOR.full_name: report for cls, report in PERIODIC.items()}
-"""The same reports, by topic."""
+"""The same reports, by topic: the full protobuf name of the message."""
 
 _POSE_SPEED = robot_pb2.PoseSpeed.DESCRIPTOR.full_name
 _BATTERY = robot_pb2.Battery.DESCRIPTOR.full_name
@@ -390,7 +390,7 @@ _DUE_TIMES: dict[str, Callable[[Chassis], float]] = {
     robot_pb2.ScannerData.DESCRIPTOR.full_name: lambda chassis: chassis.pushed_scan_time,
     robot_pack_pb2.BuildMapData.DESCRIPTOR.full_name: lambda chassis: chassis.mapping.picture_time,
 }
-"""Simulated times at which the periodic reports were last due, by topic."""
+"""Functions that return when a periodic report was last due, in simulated seconds, by topic."""
 
 _EVENTS = {
     cls.DESCRIPTOR.full_name
@@ -427,12 +427,13 @@ class StateWatch:
         """Simulated time at which an unchanged Battery is pushed again, in seconds."""
 
     def watch(self, topics: set[str]) -> None:
-        """Watch these topics only. Their current states do not count as changes."""
+        """Watch these topics only. The current state of an additional topic is no change."""
         if _BATTERY in topics and _BATTERY not in self._last:
             self._schedule_battery()
+        known = self._last
         self._last = {
-            topic: self._last.get(topic) or _STATES[topic](self._chassis).SerializeToString()
-            for topic in _STATES
+            topic: known[topic] if topic in known else report(self._chassis).SerializeToString()
+            for topic, report in _STATES.items()
             if topic in topics
         }
         self._due = {
@@ -480,7 +481,7 @@ class StateWatch:
             self._repeat_battery = self._wake_after(period.sample(self._chassis.rng))
 
     def _wake_after(self, delay: float) -> float:
-        """Schedule another check for changes after `delay` seconds; return its time."""
+        """Schedule another check for changes in `delay` seconds; return its simulated time."""
         if delay > 0.0:
             self._chassis.after(delay, lambda: None)  # changes are reported after each call
         return self._chassis.elapsed + delay

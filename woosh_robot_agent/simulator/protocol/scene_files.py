@@ -14,8 +14,14 @@ from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.refusals import RefusedError
+from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS, read_action_groups
 from woosh_robot_agent.simulator.scenes.files import read_handwritten_scene
-from woosh_robot_agent.simulator.scenes.robot_files import MAX_MAPS, read_robot_scene
+from woosh_robot_agent.simulator.scenes.robot_files import (
+    MAX_MAPS,
+    check_unused_files,
+    read_mark_info,
+    read_robot_scene,
+)
 from woosh_robot_agent.simulator.scenes.scene import (
     MAX_NAME,
     SCENE_INDEX,
@@ -39,7 +45,7 @@ _MAX_FOLDERS = 4
 """Maximum number of folders in the path of a file."""
 
 _PICTURES = (".png", ".pgm")
-"""Ends of the names of pictures."""
+"""Suffixes of the file names of pictures."""
 
 
 def updated_scene(
@@ -75,6 +81,7 @@ def updated_scene(
         raise RefusedError(f"scene {name} is not changed: {error}") from error
     if scene is None:
         return None
+    check_map_files(scene)
     if len(scene.maps) > MAX_MAPS:
         raise RefusedError(refusals.TOO_MANY_MAPS, scene=name, limit=MAX_MAPS)
     whole = replace and SCENE_INDEX in new  # all files of a robot's folder
@@ -110,17 +117,22 @@ def _read_upload(
         return scene
     handwritten = read_handwritten_scene(name, new, read)
     if handwritten:
+        handwritten.name = name  # `scene.yaml` may have another one
         handwritten.files = {each: data for each, data in new.items() if each not in used}
+        groups = handwritten.files.pop(ACTION_GROUPS, b"")
+        handwritten.action_groups = read_action_groups(groups)
     return handwritten
 
 
 def _successor(area: Map, before: Map, *, whole: bool) -> Map:
-    """Return an uploaded map with its version, and with what the robot knows of the old map.
+    """Return an uploaded map with its new version, and with what the robot knows of the old map.
+
+    That is where the real walls are, and, if it is not in the upload, the pose at the end.
 
     Args:
         area: the map as its files describe it.
         before: the old map, which it replaces.
-        whole: True if all files of the scene are uploaded.
+        whole: True if all files of a robot's folder are uploaded.
     """
     if not whole:
         area = dataclasses.replace(area, end=area.end or before.end)
@@ -135,12 +147,29 @@ def _successor(area: Map, before: Map, *, whole: bool) -> Map:
 
 
 def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
-    """Return the name of the first uploaded map of map_server, empty if there is none."""
+    """Return the name of the scene's first map that is an uploaded one of map_server.
+
+    It is empty if there is none, or if `scene.yaml` lists the maps.
+    """
     names = {file.name for file in upload}
-    if SCENE_FILE in names:  # which lists the maps
+    if SCENE_FILE in names:
         return ""
     stems = {PurePosixPath(name).stem for name in names if "/" not in name}
     return next((each.name for each in scene.maps if each.grid and each.name in stems), "")
+
+
+def check_map_files(scene: Scene) -> None:
+    """Check the files that a scene keeps for its maps, even if `scene.yaml` describes the maps.
+
+    Raises:
+        RefusedError: a file cannot be read.
+    """
+    try:
+        for area in scene.maps:
+            read_mark_info(area.name, scene.files)
+            check_unused_files(area.name, scene.files)
+    except DataFileError as error:
+        raise RefusedError(f"scene {scene.name} is not changed: {error}") from error
 
 
 def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
@@ -192,7 +221,7 @@ def merge_files(
 
 
 def _reader(files: Mapping[str, bytes], used: set[str]) -> Callable[[str], bytes]:
-    """Return a function that reads one of `files`, and adds its name to `used`."""
+    """Return a function that returns one of `files`, and adds its name to `used`."""
 
     def read(name: str) -> bytes:
         try:

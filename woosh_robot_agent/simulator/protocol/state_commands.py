@@ -21,7 +21,6 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import reports
 from woosh_robot_agent.simulator.protocol.handlers import (
     Handler,
-    Result,
     command,
     named_scene,
     pose,
@@ -31,10 +30,10 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.timeline import copy_of
 
 _MAX_NAME = 100
-"""Maximum length of the robot's name."""
+"""Maximum length of the robot's name, in characters."""
 
 _MAX_HOST = 253
-"""Maximum length of a host name."""
+"""Maximum length of a host name, in characters."""
 
 
 def _check_length(field: str, text: str, most: int) -> None:
@@ -43,14 +42,14 @@ def _check_length(field: str, text: str, most: int) -> None:
 
 
 @command(setting_pb2.Identity)
-def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Result:
+def _identity(chassis: Chassis, request: setting_pb2.Identity) -> Message:
     _check_length("name", request.name, _MAX_NAME)
     chassis.setting.identity.name = request.name
     return copy_of(chassis.setting.identity)
 
 
 @command(setting_pb2.Server)
-def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
+def _server(chassis: Chassis, request: setting_pb2.Server) -> Message:
     if request.port > 65535:
         raise RefusedError(f"port {request.port} is not within 0 to 65535")
     _check_length("ip", request.ip, _MAX_HOST)
@@ -62,7 +61,8 @@ def _server(chassis: Chassis, request: setting_pb2.Server) -> Result:
 def _set_permission(field: str) -> Handler:
     """Return the handler of a request that sets one of the permissions in the settings."""
 
-    def handle(chassis: Chassis, request: setting_pb2.AutoCharge) -> Result:
+    # The other requests of this kind have the same field as AutoCharge.
+    def handle(chassis: Chassis, request: setting_pb2.AutoCharge) -> Message:
         setattr(chassis.setting.allow, field, request.allow)
         return copy_of(request)
 
@@ -78,7 +78,7 @@ for _cls, _field in (
 
 
 @command(setting_pb2.Power)
-def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
+def _power(chassis: Chassis, request: setting_pb2.Power) -> Message:
     levels = [request.alarm, request.low, request.idle, request.full]
     if levels != sorted(levels) or request.full > 100:
         raise RefusedError(
@@ -90,7 +90,7 @@ def _power(chassis: Chassis, request: setting_pb2.Power) -> Result:
 
 
 @command(setting_pb2.Sound)
-def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
+def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Message:
     if request.volume > 100:
         raise RefusedError(f"volume {request.volume} is not within 0 to 100")
     chassis.setting.sound.mute = request.mute
@@ -99,16 +99,17 @@ def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Result:
 
 
 _MAX_SPEECH = 1000
-"""Number of characters of a spoken text that are kept."""
+"""Number of characters of a spoken text that are kept; the rest is cut off."""
 
 _MAX_LIGHT = 15
 """Maximum number of a submodule of the lights. The schema does not say which submodules exist."""
 
 
 @command(pack.InitRobot)
-def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
+def _init_robot(chassis: Chassis, request: pack.InitRobot) -> None:
     """Set the pose, end all driving and the task, and initialise the robot."""
-    if chassis.profile.refusals.while_busy and chassis.tasks.active:
+    has_task = chassis.tasks.active or chassis.tasks.between_tasks
+    if has_task and chassis.profile.refusals.while_busy:
         task = chassis.tasks.proc.robot_task_id
         raise RefusedError(refusals.INIT_DURING_TASK, task=task)
     chassis.mapping.require_none(refusals.INIT_WHILE_MAPPING)
@@ -118,44 +119,39 @@ def _init_robot(chassis: Chassis, request: pack.InitRobot) -> Result:
     reason = "robot was initialised"
     chassis.ownership.end_driving(reason)
     chassis.base.halt()
-    if chassis.tasks.active:
+    if has_task:
         chassis.tasks.cancel(reason)
     # The answer comes when the initialisation is done.
     chassis.answer_delay = chassis.initialise()
-    return None
 
 
 @command(pack.SetRobotPose)
-def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> Result:
+def _set_robot_pose(chassis: Chassis, request: pack.SetRobotPose) -> None:
     if not chassis.readiness.initialised and not chassis.mapping.active:
         raise RefusedError(refusals.NOT_INITIALISED)
     # While a map is made, only a robot that has lost its localisation may get a pose.
     if chassis.readiness.located:
         chassis.mapping.require_none(refusals.POSE_WHILE_MAPPING)
     chassis.localise(pose(request.pose))
-    return None
 
 
 @command(pack.SetOccupancy)
-def _set_occupancy(chassis: Chassis, request: pack.SetOccupancy) -> Result:
+def _set_occupancy(chassis: Chassis, request: pack.SetOccupancy) -> None:
     chassis.occupied = request.occupy
-    return None
 
 
 @command(pack.SetMuteCall)
-def _set_mute_call(chassis: Chassis, request: pack.SetMuteCall) -> Result:
+def _set_mute_call(chassis: Chassis, request: pack.SetMuteCall) -> None:
     chassis.call_muted = request.mute
-    return None
 
 
 @command(pack.SetProgramMute)
-def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> Result:
+def _set_program_mute(chassis: Chassis, request: pack.SetProgramMute) -> None:
     chassis.program_muted = request.mute
-    return None
 
 
 @command(pack.SwitchControlMode)
-def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Result:
+def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> Message:
     known = (util_robot_pb2.kAuto, util_robot_pb2.kManual, util_robot_pb2.kMaintain)
     if request.mode not in known:
         raise RefusedError(
@@ -168,7 +164,7 @@ def _switch_control_mode(chassis: Chassis, request: pack.SwitchControlMode) -> R
 
 
 @command(pack.SwitchWorkMode)
-def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
+def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Message:
     known = (
         util_robot_pb2.kDeployMode,
         util_robot_pb2.kTaskMode,
@@ -184,7 +180,7 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Result:
 
 
 @command(pack.SwitchFootPrint)
-def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Result:
+def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Message:
     if request.type not in chassis.footprints:
         raise RefusedError(
             f"unknown footprint {request.type}: use one of {list(chassis.footprints)}"
@@ -196,13 +192,12 @@ def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Resul
 
 
 @command(pack.Speak)
-def _speak(chassis: Chassis, request: pack.Speak) -> Result:
+def _speak(chassis: Chassis, request: pack.Speak) -> None:
     chassis.spoken.append(request.text[:_MAX_SPEECH])
-    return None
 
 
 @command(pack.LED)
-def _led(chassis: Chassis, request: pack.LED) -> Result:
+def _led(chassis: Chassis, request: pack.LED) -> Message:
     if request.submodule > _MAX_LIGHT:
         raise RefusedError(
             f"unknown submodule {request.submodule} of the lights: use 0 to {_MAX_LIGHT}"
@@ -212,7 +207,7 @@ def _led(chassis: Chassis, request: pack.LED) -> Result:
 
 
 @command(pack.RobotWiFi)
-def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
+def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Message:
     wifi, order = chassis.wifi, request.order
     answer = pack.RobotWiFi(order=order)
     if order == pack.RobotWiFi.kWiFiList:
@@ -238,27 +233,27 @@ def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Result:
 
 
 @query(woosh_task_pb2.RepeatTasks)
-def _repeat_tasks(chassis: Chassis, request: woosh_task_pb2.RepeatTasks) -> Result:
+def _repeat_tasks(chassis: Chassis, request: woosh_task_pb2.RepeatTasks) -> Message:
     return copy_of(chassis.scene.predefined)
 
 
 @query(woosh_task_pb2.CallTasks)
-def _call_tasks(chassis: Chassis, request: woosh_task_pb2.CallTasks) -> Result:
+def _call_tasks(chassis: Chassis, request: woosh_task_pb2.CallTasks) -> Message:
     return copy_of(chassis.scene.calls)
 
 
 @query(ros_pack_pb2.Feedbacks)
-def _feedbacks(chassis: Chassis, request: ros_pack_pb2.Feedbacks) -> Result:
+def _feedbacks(chassis: Chassis, request: ros_pack_pb2.Feedbacks) -> Message:
     return ros_pack_pb2.Feedbacks(fbs=chassis.actions.last.values())
 
 
 @query(map_pack_pb2.SceneDataEasy)
-def _scene_data_easy(chassis: Chassis, request: map_pack_pb2.SceneDataEasy) -> Result:
+def _scene_data_easy(chassis: Chassis, request: map_pack_pb2.SceneDataEasy) -> Message:
     return reports.scene_data_easy(named_scene(chassis, request.name))
 
 
 @query(map_pack_pb2.SceneData)
-def _scene_data(chassis: Chassis, request: map_pack_pb2.SceneData) -> Result:
+def _scene_data(chassis: Chassis, request: map_pack_pb2.SceneData) -> Message:
     return reports.scene_data(named_scene(chassis, request.name))
 
 
@@ -280,16 +275,34 @@ for _request, _report in {
 
 
 _PAGE_SIZE = 100
-"""Number of records of a page."""
+"""Maximum number of records of a page."""
 
 _Count = pack.CountData
 
 
 @query(pack.CountData)
-def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
-    """Return a page of the records of the requested kinds and their number, or records by id."""
+def _count_data(chassis: Chassis, request: pack.CountData) -> Message:
+    """Return records by their ids, or else a page of the records of a time span.
+
+    The quantities count all matching records, also those on other pages.
+    """
+    _check_count_request(request)
     statistics = chassis.statistics
     statistics.update()
+    days = _matching(request, _Count.kOperation, statistics.days, request.operation_id)
+    tasks = _matching(request, _Count.kTask, statistics.tasks, request.task_id)
+    statuses = _matching(request, _Count.kStatus, statistics.statuses, request.status_id)
+    return pack.CountDataResponse(
+        operations=count_pb2.Operations(ops=_page(request, days, request.operation_page)),
+        tasks=count_pb2.Tasks(ts=_page(request, tasks, request.task_page)),
+        abnormals=count_pb2.Abnormals(ss=_page(request, statuses, request.status_page)),
+        operation_qty=len(days),
+        task_qty=len(tasks),
+        abnormal_qty=len(statuses),
+    )
+
+
+def _check_count_request(request: pack.CountData) -> None:
     if request.req_type not in (_Count.kGet, _Count.kSync):
         raise RefusedError(f"unknown request type {request.req_type}: 0 is get, 1 synchronise")
     if request.count_type not in _Count.CountType.values():
@@ -297,57 +310,47 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Result:
             f"unknown kind of statistics {request.count_type}: 0 is all, 1 operation, 2 task, "
             "3 status"
         )
-    pages = (request.operation_page, request.task_page, request.status_page)
-    if min(pages) < 0:
-        raise RefusedError(f"page {min(pages)} is negative: count pages from 0")
-    first, last = request.bucket.start, request.bucket.end or math.inf  # 0: no end
-    if last < first:
+    page = min(request.operation_page, request.task_page, request.status_page)
+    if page < 0:
+        raise RefusedError(f"page {page} is negative: count pages from 0")
+    first, last = request.bucket.start, request.bucket.end
+    if last and last < first:  # an end of 0 is no end
         raise RefusedError(f"the time span from {first} to {last} ends before it starts")
 
-    def wanted(kind: int, record: Any, ids: Sequence[int]) -> bool:
-        """Return True if the client wants a record of `kind`; `ids` are the ids that it names."""
-        if request.req_type == _Count.kSync:
-            return record.id in ids
-        span = record.buckets[0] if kind == _Count.kOperation else record.bucket
-        overlaps = span.start <= last and (span.end or math.inf) >= first
-        return overlaps and request.count_type in (_Count.kAll, kind)
 
-    kinds: tuple[tuple[int, Iterable[Any], Sequence[int]], ...] = (
-        (_Count.kOperation, statistics.days, request.operation_id),
-        (_Count.kTask, statistics.tasks, request.task_id),
-        (_Count.kStatus, statistics.statuses, request.status_id),
-    )
-    matching = [
-        [each for each in records if wanted(kind, each, ids)] for kind, records, ids in kinds
-    ]
-    shown = matching
-    if request.req_type == _Count.kGet:
-        shown = [
-            each[page * _PAGE_SIZE : (page + 1) * _PAGE_SIZE]
-            for each, page in zip(matching, pages, strict=True)
-        ]
-    days, tasks, statuses = shown
-    day_count, task_count, status_count = map(len, matching)
-    return pack.CountDataResponse(
-        operations=count_pb2.Operations(ops=days),
-        tasks=count_pb2.Tasks(ts=tasks),
-        abnormals=count_pb2.Abnormals(ss=statuses),
-        operation_qty=day_count,
-        task_qty=task_count,
-        abnormal_qty=status_count,
-    )
+def _matching(
+    request: pack.CountData, kind: int, records: Iterable[Any], ids: Sequence[int]
+) -> list[Any]:
+    """Return the records of one kind that a client wants; `ids` are the ids that it names."""
+    if request.req_type == _Count.kSync:
+        return [each for each in records if each.id in ids]
+    if request.count_type not in (_Count.kAll, kind):
+        return []
+    first, last = request.bucket.start, request.bucket.end or math.inf
+    wanted = []
+    for each in records:
+        span = each.buckets[0] if kind == _Count.kOperation else each.bucket
+        if span.start <= last and (span.end or math.inf) >= first:  # an end of 0 is no end
+            wanted.append(each)
+    return wanted
+
+
+def _page(request: pack.CountData, records: list[Any], page: int) -> list[Any]:
+    """Return a page of records, or all records that a client has named."""
+    is_by_id = request.req_type == _Count.kSync
+    return records if is_by_id else records[page * _PAGE_SIZE : (page + 1) * _PAGE_SIZE]
 
 
 @query(count_pb2.Operation)
-def _operation(chassis: Chassis, request: count_pb2.Operation) -> Result:
+def _operation(chassis: Chassis, request: count_pb2.Operation) -> Message:
     chassis.statistics.update()
     return copy_of(chassis.statistics.days[-1])
 
 
 def _answer_with_last(records: Callable[[Chassis], Sequence[Message]]) -> Handler:
-    """Return the handler that answers with the last record; without records, with an empty one."""
+    """Return the handler that answers with the last record, or else with an empty one."""
 
-    def handle(chassis: Chassis, request: Any) -> Result:
+    def handle(chassis: Chassis, request: Any) -> Message:
         found = records(chassis)
         return copy_of(found[-1]) if found else type(request)(robot_id=chassis.robot_id)
 

@@ -38,12 +38,9 @@ from woosh_robot_agent.simulator.timeline import copy_of
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Mark, MarkKind
 
-_MIN_SPEED = 0.01
-"""Minimum speed limit of a navigation, in m/s."""
-
 
 @command(pack.ExecTask)
-def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
+def _exec_task(chassis: Chassis, request: pack.ExecTask) -> None:
     chassis.readiness.require_ready()
     kind = request.type
     target = _target(chassis, request)
@@ -53,18 +50,17 @@ def _exec_task(chassis: Chassis, request: pack.ExecTask) -> Result:
     jobs = task_jobs(chassis, actions, request.direction, target)
     number = request.task_id or chassis.tasks.new_id()
     dest = target.number if isinstance(target, Mark) else ""
-    own_id = not request.task_id
     # The task starts at once, so its jobs are already known.
-    order = TaskOrder(number, kind, dest, jobs=lambda: jobs, own_id=own_id)
+    order = TaskOrder(number, kind, dest, jobs=lambda: jobs, own_id=not request.task_id)
     chassis.ownership.start_tasks([order])
-    return None
 
 
 def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
     """Return the target mark of a task, or the job that drives to another target.
 
     Clients may send all three kinds of targets, with the unused ones empty: a mark takes precedence
-    over a path, and a path over a pose. A charge task without target leads to the nearest charger.
+    over a path, and a path over a pose. A charge task whose pose is missing or empty leads to the
+    nearest charger.
 
     Raises:
         RefusedError: the task has no usable target.
@@ -90,7 +86,11 @@ def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
 
 
 def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
-    """Return the poses of a path, and True if the robot must drive straight between them."""
+    """Return the poses of a path, and True if the robot must drive straight between them.
+
+    Raises:
+        RefusedError: the path has no poses, or more than `MAX_POSES`.
+    """
     strict = all(segment.optimal == navigation_pb2.PlanPath.kStrict for segment in path.plan_path)
     route: list[Pose] = []
     for segment in path.plan_path:
@@ -105,7 +105,7 @@ def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
 
 
 @command(pack.ActionOrder)
-def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
+def _action_order(chassis: Chassis, request: pack.ActionOrder) -> None:
     tasks, order = chassis.tasks, request.order
     if order == util_action_pb2.kPause:
         tasks.pause("paused", ordered=True)
@@ -123,11 +123,10 @@ def _action_order(chassis: Chassis, request: pack.ActionOrder) -> Result:
         raise RefusedError("order 1 (start) is not supported: a task starts by itself")
     else:
         raise RefusedError(f"unknown order {order}: 2 is pause, 3 continue, 4 cancel, 5 recover")
-    return None
 
 
 @command(pack.ChangeNavPath)
-def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
+def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> None:
     navigation = chassis.ownership.navigation
     if navigation is None:
         raise RefusedError(refusals.NO_NAVIGATION)
@@ -135,24 +134,22 @@ def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> Result:
     if via[-1] == navigation.goal:
         via.pop()
     navigation.change_path(chassis, via, strict=strict)
-    return None
 
 
 @command(pack.ChangeNavMode)
-def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> Result:
+def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> None:
     if chassis.ownership.navigation is None:
         raise RefusedError(refusals.NAVIGATION_MODE_UNUSED)
     if request.nav_mode.max_speed < 0.0:
         raise RefusedError(
             f"max_speed {request.nav_mode.max_speed:g} is negative: use 0 for the default"
         )
-    usable_speed(request.nav_mode.max_speed, _MIN_SPEED)  # refuses one that is too slow
+    usable_speed(request.nav_mode.max_speed)  # refuses one that is too slow
     chassis.ownership.navigation.change_mode(request.nav_mode)
-    return None
 
 
 _MAX_REPEATS = 100
-"""Maximum number of repetitions of a task set."""
+"""Maximum number of times that a task set is run."""
 
 _MAX_SETS = 200
 """Maximum number of predefined task sets of a scene."""
@@ -165,15 +162,14 @@ _MAX_BYTES = 64 * 1024
 
 
 @command(pack.ExecPreTask)
-def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> Result:
+def _exec_pre_task(chassis: Chassis, request: pack.ExecPreTask) -> None:
     chassis.readiness.require_ready()
     repeat = _predefined(chassis, request.task_set_id)
     _start(chassis, repeat.task_set, repeat.times)
-    return None
 
 
 @command(pack.ExecTaskSet)
-def _exec_task_set(chassis: Chassis, request: pack.ExecTaskSet) -> Result:
+def _exec_task_set(chassis: Chassis, request: pack.ExecTaskSet) -> None:
     raise RefusedError(
         "ExecTaskSet names no task set, and real chassis do not implement it: send "
         "ExecPreTask, or RepeatTask with order 3"
@@ -186,24 +182,25 @@ def _repeat_task(chassis: Chassis, request: RepeatTask) -> Result:
     if request.order == RepeatTask.kPut:
         return _put(chassis, request)
     if request.order == RepeatTask.kDel:
-        return _delete(chassis, request)
-    # Older clients know no order: for them, the request runs a task set.
-    if request.order in (RepeatTask.kExec, RepeatTask.kOrderUndefined):
-        return _exec(chassis, request)
-    raise RefusedError(f"unknown order {request.order}: 1 is put, 2 delete, 3 execute")
-
-
-@command(AddTask)
-def _add_task(chassis: Chassis, request: AddTask) -> Result:
-    """Run a task set once. There is no queue: AddTask is refused in the same cases as ExecTask."""
-    chassis.readiness.require_ready()
-    _check_size(request)
-    _start(chassis, _checked_set(chassis, request.tset), 1)
+        _delete(chassis, request)
+    # Older clients set no order: for them, the request runs a task set.
+    elif request.order in (RepeatTask.kExec, RepeatTask.kOrderUndefined):
+        _exec(chassis, request)
+    else:
+        raise RefusedError(f"unknown order {request.order}: 1 is put, 2 delete, 3 execute")
     return None
 
 
+@command(AddTask)
+def _add_task(chassis: Chassis, request: AddTask) -> None:
+    """Run a task set once. It is refused in the same cases as ExecTask: there is no queue."""
+    chassis.readiness.require_ready()
+    _check_size(request)
+    _start(chassis, _checked_set(chassis, request.tset), 1)
+
+
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
-    """Add or replace a predefined task set; return the stored set."""
+    """Add a predefined task set, or replace the one with the same id; return the stored set."""
     sets = {each.task_set.base.id: each for each in chassis.scene.predefined.repeat_tasks}
     kept = copy_of(request)
     kept.ClearField("order")
@@ -221,17 +218,16 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
     return kept
 
 
-def _delete(chassis: Chassis, request: RepeatTask) -> Result:
+def _delete(chassis: Chassis, request: RepeatTask) -> None:
     """Delete a predefined task set. A running task set goes on."""
-    number = request.task_set.base.id
-    _predefined(chassis, number)  # refuses a number that is unknown
+    id_ = request.task_set.base.id
+    _predefined(chassis, id_)  # refuses an unknown id
     sets = chassis.scene.predefined.repeat_tasks
-    kept = [each for each in sets if each.task_set.base.id != number]
+    kept = [each for each in sets if each.task_set.base.id != id_]
     set_predefined(chassis.scene, kept)
-    return None
 
 
-def _exec(chassis: Chassis, request: RepeatTask) -> Result:
+def _exec(chassis: Chassis, request: RepeatTask) -> None:
     """Run the tasks in the request; without tasks, run the predefined set with the given id."""
     chassis.readiness.require_ready()
     times = _checked_times(request.times)
@@ -240,7 +236,6 @@ def _exec(chassis: Chassis, request: RepeatTask) -> Result:
     else:
         predefined = _predefined(chassis, request.task_set.base.id)
         _start(chassis, predefined.task_set, times if request.times else predefined.times)
-    return None
 
 
 def _check_size(request: Message) -> None:
@@ -249,9 +244,7 @@ def _check_size(request: Message) -> None:
 
 
 def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
-    """Return a checked copy of a task set, with an id.
-
-    The tasks are numbered if none of them has an id.
+    """Return a checked copy of a task set. It has ids where `given` has none.
 
     Raises:
         RefusedError: the set or one of its tasks is invalid.
@@ -262,21 +255,21 @@ def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
     return task_set
 
 
-def _predefined(chassis: Chassis, number: int) -> RepeatTask:
+def _predefined(chassis: Chassis, id_: int) -> RepeatTask:
     """Return the predefined task set with an id.
 
     Raises:
         RefusedError: there is no such task set.
     """
     for repeat in chassis.scene.predefined.repeat_tasks:
-        if repeat.task_set.base.id == number:
+        if repeat.task_set.base.id == id_:
             return repeat
     known = ", ".join(str(each.task_set.base.id) for each in chassis.scene.predefined.repeat_tasks)
-    raise RefusedError(refusals.UNKNOWN_TASK_SET, task_set=number, task_sets=known or "none")
+    raise RefusedError(refusals.UNKNOWN_TASK_SET, task_set=id_, task_sets=known or "none")
 
 
 def _number_and_check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
-    """Check the tasks of a set, and number them if none of them has an id.
+    """Check a task set and its tasks, and number the tasks if none of them has an id.
 
     Raises:
         RefusedError: there are no or too many tasks, an id is invalid or used twice, a mark is
@@ -310,14 +303,14 @@ def _require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
     """Check that a mark can be the target of a task of a type.
 
     Raises:
-        RefusedError: the mark does not suit this type of task.
+        RefusedError: the task is a charge task, and the mark is not a charger.
     """
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
         raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
 
 
 def _checked_times(times: int) -> int:
-    """Return a number of repetitions, where 0 stands for one.
+    """Return how often to run a task set; 0 in a request stands for once.
 
     Raises:
         RefusedError: the number is negative or too large.
@@ -328,19 +321,22 @@ def _checked_times(times: int) -> int:
 
 
 def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
-    """Start a task set and run it `times` times, at most `_MAX_REPEATS`."""
-    number = task_set.base.id
-    bases = [task.base for _ in range(min(times, _MAX_REPEATS)) for task in task_set.tasks]
-    chassis.ownership.start_tasks([_task_order(chassis, number, base) for base in bases])
+    """Start a task set and run it `times` times, but from 1 to `_MAX_REPEATS`."""
+    set_id = task_set.base.id
+    if not task_set.tasks:  # only the sets in uploaded files may have none
+        raise RefusedError(f"task set {set_id} has no tasks: put it with at least one")
+    times = min(max(1, times), _MAX_REPEATS)
+    bases = [task.base for _ in range(times) for task in task_set.tasks]
+    chassis.ownership.start_tasks([_task_order(chassis, set_id, base) for base in bases])
 
 
-def _task_order(chassis: Chassis, task_set: int, base: task_pb2.TaskBase) -> TaskOrder:
+def _task_order(chassis: Chassis, set_id: int, base: task_pb2.TaskBase) -> TaskOrder:
     mark = named_mark(chassis, base.mark_no)
     _require_suitable(mark, base.type)
     actions = task_actions(chassis, base.type, base.type_no)
     jobs = partial(_jobs, chassis, mark, actions, base)
     # Clients find the set in the id of its tasks: the last two digits are the task.
-    return TaskOrder(task_set * 100 + base.id, base.type, base.mark_no, jobs)
+    return TaskOrder(set_id * 100 + base.id, base.type, base.mark_no, jobs)
 
 
 def _jobs(

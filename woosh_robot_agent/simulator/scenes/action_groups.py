@@ -5,7 +5,7 @@ The default table, in the folder `data/`, has the content of a real TR-200's tab
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -18,28 +18,26 @@ ACTION_GROUPS = "action_groups.json"
 """Name of the file in the folder of a scene."""
 
 
-def _check_action(number: int) -> None:
-    if number not in _ACTIONS:
-        raise ValueError(f"{number} is not one of {', '.join(map(str, _ACTIONS))}")
+def _one_of(numbers: Collection[int]) -> Callable[[int], None]:
+    """Return a check that a number is one of `numbers`, but not 0, which stands for undefined."""
+    valid = [number for number in numbers if number]
 
+    def check(number: int) -> None:
+        if number not in valid:
+            raise ValueError(f"{number} is not one of {', '.join(map(str, valid))}")
 
-def _check_type(number: int) -> None:
-    if number not in _TYPES:
-        raise ValueError(f"{number} is not one of {', '.join(map(str, _TYPES))}")
-
-
-_ACTIONS = [number for number in action_pb2.Type.values() if number]
-_TYPES = [number for number in task_pb2.Type.values() if number]
-"""Valid numbers of actions and of types of tasks, without 0, which stands for undefined."""
+    return check
 
 
 @dataclass(frozen=True)
 class Action:
     """An action of a task.
 
+    Only waits use the `wait_` attributes, and only steps the `stepctrl_` ones.
+
     Attributes:
         action: the `woosh.action.Type`.
-        wait_id: number of a wait, which TaskProc reports.
+        wait_id: number of a wait, which TaskProc reports; 0 for its position among the waits.
         wait_time: duration of a wait, in seconds.
         stepctrl_type: kind of a step: 0 is straight, 1 a turn.
         stepctrl_value: distance of a step in metres, or its angle in radians.
@@ -47,7 +45,7 @@ class Action:
         stepctrl_avoid: True if a step stops before obstacles.
     """
 
-    action: Annotated[int, _check_action]
+    action: Annotated[int, _one_of(action_pb2.Type.values())]
     wait_id: Annotated[int, Between(0)] = 0
     wait_time: NotNegative = 0.0
     stepctrl_type: Literal[0, 1] = 0
@@ -57,16 +55,16 @@ class Action:
 
 
 @dataclass(frozen=True)
-class ActionGroup:
+class _Group:
     """The actions of the tasks of one type and number.
 
     Attributes:
         type: the `woosh.task.Type`.
         no: the number, as `task_type_no` in ExecTask.
-        order: the actions.
+        order: the actions, in the order in which they are executed.
     """
 
-    type: Annotated[int, _check_type]
+    type: Annotated[int, _one_of(task_pb2.Type.values())]
     no: Annotated[int, Between(0)]
     order: Annotated[tuple[Action, ...], Between(1)]
 
@@ -75,7 +73,7 @@ class ActionGroup:
 class _File:
     """The content of the file."""
 
-    task_type: tuple[ActionGroup, ...]
+    task_type: tuple[_Group, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,43 +81,41 @@ class ActionGroups:
     """The table of a scene.
 
     Attributes:
-        data: content of the file.
-        groups: groups of the table.
+        data: content of the file, as it was read.
+        groups: the actions of tasks, in order, by the type and the number of the task.
     """
 
     data: bytes
-    groups: tuple[ActionGroup, ...]
+    groups: Mapping[tuple[int, int], tuple[Action, ...]]
 
     def actions(self, kind: int, number: int) -> tuple[Action, ...] | None:
         """Return the actions of tasks of a type and number; None if the table has none."""
-        orders = (each.order for each in self.groups if (each.type, each.no) == (kind, number))
-        return next(orders, None)
+        return self.groups.get((kind, number))
 
     def numbers(self, kind: int) -> Collection[int]:
-        """Return the numbers of the tasks of a type."""
-        return [each.no for each in self.groups if each.type == kind]
+        """Return the numbers of all groups of a type; empty if there are none."""
+        return [number for each, number in self.groups if each == kind]
 
 
-def read_action_groups(name: str, data: bytes) -> ActionGroups:
-    """Read a table.
-
-    Args:
-        name: name of the file, for errors.
-        data: content of the file. Unknown keys are ignored.
+def read_action_groups(data: bytes) -> ActionGroups:
+    """Read the content of the file, without unknown keys; an empty file has the default table.
 
     Raises:
         DataFileError: the file is not such a table.
     """
-    groups = structure(_File, load_json(name, data), name, known_only=False).task_type
-    keys = [(each.type, each.no) for each in groups]
-    for kind, number in keys:
-        if keys.count((kind, number)) > 1:
-            raise DataFileError(f"{name}: type {kind} has two groups with the number {number}")
+    if not data.strip():
+        return default_action_groups()
+    groups: dict[tuple[int, int], tuple[Action, ...]] = {}
+    content = load_json(ACTION_GROUPS, data)
+    for each in structure(_File, content, ACTION_GROUPS, known_only=False).task_type:
+        if (each.type, each.no) in groups:
+            text = f"type {each.type} has two groups with the number {each.no}"
+            raise DataFileError(f"{ACTION_GROUPS}: {text}")
+        groups[each.type, each.no] = each.order
     return ActionGroups(data, groups)
 
 
 @lru_cache
 def default_action_groups() -> ActionGroups:
     """Return the table for scenes without a table."""
-    file = Path(__file__).parents[1] / "data" / ACTION_GROUPS
-    return read_action_groups(ACTION_GROUPS, file.read_bytes())
+    return read_action_groups((Path(__file__).parents[1] / "data" / ACTION_GROUPS).read_bytes())

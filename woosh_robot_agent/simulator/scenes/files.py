@@ -20,7 +20,7 @@ from woosh_robot_agent.simulator.world.geometry import Point, Pose
 from woosh_robot_agent.simulator.world.maps import Map
 
 _ADDED_FOLDERS = ("nav2", "marks")
-"""Folders that `maps download` adds to those of the robot."""
+"""Folders that `maps download` adds to those of the robot, unless a map has this name."""
 
 _MAX_FILE_BYTES = 64 * 1024 * 1024
 """Maximum size of a file, in bytes."""
@@ -33,20 +33,18 @@ def load_scene(path: Path) -> Scene:
         DataFileError: a file cannot be used.
     """
     try:
-        is_folder, is_robot_folder = path.is_dir(), (path / SCENE_INDEX).is_file()
-        names = sorted(file.name for file in path.iterdir()) if is_folder else [path.name]
+        if (path / SCENE_INDEX).is_file():
+            return read_robot_scene(path.resolve().name, read_robot_folder(path))
+        is_folder = path.is_dir()
+        names = [file.name for file in path.iterdir()] if is_folder else [path.name]
     except OSError as error:
         raise DataFileError(f"{path}: {error.strerror}") from error
-    if is_robot_folder:
-        return read_robot_scene(path.resolve().name, read_robot_folder(path))
     if is_folder:
         folder, name = path, path.resolve().name
     else:
         folder = path.parent
         name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
-    scene = read_handwritten_scene(
-        name, names, lambda each: _read_file(folder / each), use_own_name=True
-    )
+    scene = read_handwritten_scene(name, names, lambda each: _read_file(folder / each))
     if scene is None:
         raise DataFileError(
             f"{path}: not a scene: give a folder with {SCENE_INDEX} or {SCENE_FILE}, or a YAML "
@@ -56,9 +54,9 @@ def load_scene(path: Path) -> Scene:
 
 
 def read_robot_folder(folder: Path) -> dict[str, bytes]:
-    """Return the files in a robot's folder of a scene, by the robot's name for them.
+    """Return the files in a robot's folder of a scene, by path as the robot names them.
 
-    Hidden entries of the folder, and the folders that the program `maps` adds, are left out.
+    Hidden entries of the folder, and the folders that `maps download` adds, are left out.
 
     Raises:
         DataFileError: a file cannot be read.
@@ -78,22 +76,19 @@ def read_robot_folder(folder: Path) -> dict[str, bytes]:
     return files
 
 
-def read_handwritten_scene(
-    name: str, names: Collection[str], read: FileReader, *, use_own_name: bool = False
-) -> Scene | None:
+def read_handwritten_scene(name: str, names: Collection[str], read: FileReader) -> Scene | None:
     """Read a `scene.yaml`, or maps of map_server; return None if there are neither.
 
     Args:
-        name: name of the scene.
+        name: name of the scene, unless `scene.yaml` has one.
         names: names of the files.
-        read: returns the content of a file.
-        use_own_name: True to prefer the name in `scene.yaml`, if it has one.
+        read: reads one of the files.
 
     Raises:
         DataFileError: a file cannot be used.
     """
     if SCENE_FILE in names:
-        return read_scene_yaml(name, read, use_own_name=use_own_name)
+        return read_scene_yaml(name, read)
     maps = read_maps(names, read)
     return Scene(name, maps) if maps else None
 
@@ -136,7 +131,10 @@ def start_place(scene: Scene) -> tuple[Map, Pose]:
 
 
 def _free_place(area: Map) -> Point:
-    """Return the origin or a mark if there is room, or the roomiest place of the grid."""
+    """Return the origin or a mark if there is room, or else the roomiest place of a grid.
+
+    Without a grid, return the origin.
+    """
     for point in ((0.0, 0.0), *(mark.pose.point for mark in area.marks.values())):
         if area.contains(*point) and area.clearance(*point) >= _START_CLEARANCE:
             return point

@@ -25,6 +25,7 @@ _MAX_PIXELS = 4096 * 4096
 takes some seconds."""
 
 Floats: TypeAlias = npt.NDArray[np.float32]
+"""A value from 0 to 1 for each pixel; the first row has the greatest y."""
 
 
 class _Origin(NamedTuple):
@@ -63,9 +64,10 @@ def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> Grid:
     """Return the grid that a YAML file of map_server describes.
 
     Args:
-        name: name of the YAML file.
+        name: path of the YAML file, for errors.
         content: content of the YAML file. Unknown keys are ignored, as by map_server.
-        read: returns the content of the file with the given name, or raises `DataFileError`.
+        read: returns the content of the picture, whose path begins at the YAML file, or raises
+            `DataFileError`.
 
     Raises:
         DataFileError: the YAML file or the picture is invalid.
@@ -82,7 +84,7 @@ def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
     """Return the cells of a grid that a picture marks as keep-out areas.
 
     Args:
-        name: name of the picture.
+        name: path of the picture, for errors.
         data: the picture, in which keep-out areas are dark, as in the masks of nav2.
         grid: the grid.
 
@@ -102,10 +104,14 @@ def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
 
 
 def read_pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
-    """Return brightness and, if the picture has transparency, opacity of each pixel: 0 to 1.
+    """Return brightness and opacity of each pixel; no opacity if the picture has no transparency.
+
+    Args:
+        name: path of the picture, for errors.
+        data: content of the file.
 
     Raises:
-        DataFileError: the picture cannot be read.
+        DataFileError: the picture cannot be read, or is too large.
     """
     try:
         image: Image.Image = Image.open(io.BytesIO(data), formats=("PNG", "PPM"))
@@ -140,7 +146,7 @@ def read_pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
 
 
 def _cells(brightness: Floats, opacity: Floats | None, description: _Description) -> Cells:
-    """Convert pixels to cells as map_server does."""
+    """Convert pixels to cells as map_server does; the arguments are as from `read_pixels`."""
     mode, negate = description.mode, description.negate
     occupied, free = description.occupied_thresh, description.free_thresh
     if mode == "raw":

@@ -20,12 +20,7 @@ from woosh_robot_agent.data_files import (
 )
 from woosh_robot_agent.pb.map import field_pb2, mark_pb2, path_pb2
 from woosh_robot_agent.pb.task import woosh_task_pb2
-from woosh_robot_agent.simulator.scenes.action_groups import (
-    ACTION_GROUPS,
-    ActionGroups,
-    default_action_groups,
-    read_action_groups,
-)
+from woosh_robot_agent.simulator.scenes.action_groups import ACTION_GROUPS, read_action_groups
 from woosh_robot_agent.simulator.scenes.scene import (
     KEEPOUT,
     MAP_FILE,
@@ -58,10 +53,10 @@ MAX_MARKS = 5000
 """Maximum number of marks of a map."""
 
 MAX_TASKS = 200
-"""Maximum number of task sets of one kind, and of tasks in a set."""
+"""Maximum number of predefined task sets, of sets of call buttons, and of tasks in a set."""
 
 _MAX_PIXELS = 32 * 1024 * 1024
-"""Maximum size of all pictures of a scene together. Reading pictures blocks the simulator."""
+"""Maximum number of pixels of all maps of a scene. Reading pictures blocks the simulator."""
 
 _MAX_SIDE = 500.0
 """Maximum length of a side of a map, in metres."""
@@ -69,7 +64,7 @@ _MAX_SIDE = 500.0
 DEFAULT_FLOOR = "1F"
 """Floor of a map that names no floor."""
 
-_INT32 = 2**31 - 1
+INT32 = 2**31 - 1
 """Largest value of an int32 field."""
 
 
@@ -86,7 +81,7 @@ def check_map_name(name: str) -> None:
     """Check that a name can be the name of a map and of its folder.
 
     Raises:
-        ValueError: the name is a path, or not a plain file name.
+        ValueError: the name is not a plain file name.
     """
     if not is_plain(name):
         raise ValueError(f"{name!r} must be a name that is not a path")
@@ -114,7 +109,7 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
 
     Args:
         name: name of the scene.
-        files: all files of the scene, by path.
+        files: all files of the scene, by path; the index must be among them.
         old: the scene before a change; None for a new scene. A map whose pictures have not changed
             keeps its walls and its grid: read from pictures, it would have a grid only.
 
@@ -125,7 +120,7 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
     check_unique([each.source for each in entries], "name", [each.name for each in entries])
     check_unique([each.source for each in entries], "id", [each.id for each in entries])
     scene = Scene(name, [], files={**files})
-    scene.action_groups = read_groups(scene.files.pop(ACTION_GROUPS, b""))
+    scene.action_groups = read_action_groups(scene.files.pop(ACTION_GROUPS, b""))
     old_files = files_of(old).of_maps if old else {}
     for entry in entries:
         known = old.map(entry.name) if old else None
@@ -136,10 +131,9 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
             check_pixels(entry.source, scene.maps)
         if entry.end_pose and not scene.start:
             scene.start, scene.start_map = scene.maps[-1].end, entry.name
-    if TASK_INFO in files:
-        info = read_task_info(TASK_INFO, files[TASK_INFO])
-        scene.predefined.repeat_tasks.extend(info.repeat_tasks)
-        scene.calls.call_tasks.extend(info.call_tasks)
+    info = read_task_info(files)
+    scene.predefined.repeat_tasks.extend(info.repeat_tasks)
+    scene.calls.call_tasks.extend(info.call_tasks)
     return scene
 
 
@@ -156,22 +150,14 @@ def _index(data: bytes) -> _Index:
     return structure(_Index, load_json(SCENE_INDEX, data), SCENE_INDEX, known_only=False)
 
 
-def read_groups(data: bytes) -> ActionGroups:
-    """Read the table of the tasks' actions; the default if the file is empty.
-
-    Raises:
-        DataFileError: the file cannot be used.
-    """
-    return read_action_groups(ACTION_GROUPS, data) if data.strip() else default_action_groups()
-
-
 def _same_pictures(name: str, files: Mapping[str, bytes], before: Mapping[str, bytes]) -> bool:
+    """Return True if the pictures of the map called `name` have not changed."""
     paths = [f"{name}/{each}" for each in PICTURES]
     return all(files.get(path) == before.get(path) for path in paths)
 
 
 def _map(entry: _MapEntry, files: Mapping[str, bytes]) -> Map:
-    """Read one map."""
+    """Read one map from the files of its scene."""
     grid = read_map_picture(entry.name, files)
     grid.keep_out = read_map_keepout(entry.name, files, grid)
     check_sides(entry.source, grid.low, grid.high)
@@ -180,7 +166,7 @@ def _map(entry: _MapEntry, files: Mapping[str, bytes]) -> Map:
 
 
 def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
-    """Read the cells of the map called `name` from the files of its scene.
+    """Read the cells of the map called `name` from the files of its scene, without keep-out areas.
 
     Raises:
         DataFileError: a file is missing, or cannot be used.
@@ -200,7 +186,7 @@ def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
 
 
 def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepOut | None:
-    """Read the keep-out cells of a map; None if there is no file of keep-out areas.
+    """Read the keep-out cells of a map; None if the file of keep-out areas is missing or empty.
 
     Args:
         name: name of the map.
@@ -218,14 +204,13 @@ def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepO
 
 def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
     """Return a map with the marks in its files, and the properties in its entry of the index."""
-    path, end = f"{entry.name}/{MARK_INFO}", entry.end_pose
-    info = read_mark_info(path, files.get(path, b""))
+    info, end = read_mark_info(entry.name, files), entry.end_pose
     check_unused_files(entry.name, files)
     return dataclasses.replace(
         area,
         id=entry.id,
         floor=info.floor_name or DEFAULT_FLOOR,
-        version=min(max(1, info.version), _INT32),
+        version=min(max(1, info.version), INT32),
         marks=marks_of(info),
         other_marks=other_marks(info),
         end=Pose(end.x, end.y, end.theta) if end else None,
@@ -233,21 +218,20 @@ def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
 
 
 def check_unused_files(name: str, files: Mapping[str, bytes]) -> None:
-    """Check the files of a map that SceneData contains and the robot does not use.
+    """Check the files of a map that the robot does not use, but sends in SceneData.
 
     Raises:
-        DataFileError: a file cannot be read.
+        DataFileError: a file is not a serialised message of its type.
     """
-    for file, cls in ((NAV_AREA, field_pb2.FieldInfo), (PATH_INFO, path_pb2.PathInfo)):
-        path = f"{name}/{file}"
-        read_message(path, files.get(path, b""), cls)
+    _read_message(f"{name}/{NAV_AREA}", files, field_pb2.FieldInfo)
+    _read_message(f"{name}/{PATH_INFO}", files, path_pb2.PathInfo)
 
 
 def check_pixels(where: str, maps: Iterable[Map]) -> None:
-    """Check the total size of the pictures of a scene; `where` is the last map's place, for errors.
+    """Check the pixels of all maps read so far; `where` is the last map's place, for errors.
 
     Raises:
-        DataFileError: the pictures are too large.
+        DataFileError: there are too many pixels.
     """
     if sum(each.grid.cells.size for each in maps if each.grid) > _MAX_PIXELS:
         text = f"the pictures of the scene have more than {_MAX_PIXELS} pixels in total"
@@ -255,7 +239,7 @@ def check_pixels(where: str, maps: Iterable[Map]) -> None:
 
 
 def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None:
-    """Check the size of a map; `where` is its place in the file, for errors.
+    """Check the size of a map from its corners; `where` is its place in the file, for errors.
 
     Raises:
         DataFileError: the map is empty or too large.
@@ -288,58 +272,49 @@ _M = TypeVar("_M", bound=Message)
 """Class of the message in a file."""
 
 
-def read_task_info(name: str, data: bytes) -> woosh_task_pb2.TaskInfo:
-    """Read a file with the tasks of a scene.
+def read_task_info(files: Mapping[str, bytes]) -> woosh_task_pb2.TaskInfo:
+    """Read the task sets of a scene from its files.
 
     Raises:
         DataFileError: the file cannot be used.
     """
-    info = read_message(name, data, woosh_task_pb2.TaskInfo)
+    info = _read_message(TASK_INFO, files, woosh_task_pb2.TaskInfo)
     counts = [len(info.repeat_tasks), len(info.call_tasks)]
     counts += [len(each.task_set.tasks) for each in info.repeat_tasks]
     counts += [len(each.task_set.tasks) for each in info.call_tasks]
     if max(counts) > MAX_TASKS:
-        raise DataFileError(f"{name}: {max(counts)} tasks are more than {MAX_TASKS}")
+        raise DataFileError(f"{TASK_INFO}: {max(counts)} tasks are more than {MAX_TASKS}")
     return info
 
 
-def read_mark_info(name: str, data: bytes) -> mark_pb2.MarkInfo:
-    """Read a file with the marks of a map.
+def read_mark_info(name: str, files: Mapping[str, bytes]) -> mark_pb2.MarkInfo:
+    """Read the marks of the map called `name` from the files of its scene.
 
     Raises:
         DataFileError: the file cannot be used.
     """
-    info = read_message(name, data, mark_pb2.MarkInfo)
+    path = f"{name}/{MARK_INFO}"
+    info = _read_message(path, files, mark_pb2.MarkInfo)
     if len(info.storages) > MAX_MARKS:
-        raise DataFileError(f"{name}: {len(info.storages)} marks are more than {MAX_MARKS}")
-    numbers: set[str] = set()
-    ids: set[int] = set()
-    for index, storage in enumerate(info.storages):
-        where, identity = f"{name}: storages[{index}]", storage.identity
-        if not identity.no:
+        raise DataFileError(f"{path}: {len(info.storages)} marks are more than {MAX_MARKS}")
+    places = [f"{path}: storages[{index}]" for index in range(len(info.storages))]
+    for where, storage in zip(places, info.storages, strict=True):
+        if not storage.identity.no:
             raise DataFileError(f"{where}: identity.no is missing")
-        if identity.no in numbers or identity.id in ids:
-            raise DataFileError(
-                f"{where}: its number {identity.no} or id {identity.id} is used twice"
-            )
         if not has_pose(storage):
             raise DataFileError(f"{where}: pose.dock is missing")
         for pose in (storage.pose.dock, storage.pose.real):
             if not all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
                 raise DataFileError(f"{where}: the pose is not finite")
-        numbers.add(identity.no)
-        ids.add(identity.id)
+    check_unique(places, "identity.no", [each.identity.no for each in info.storages])
+    check_unique(places, "identity.id", [each.identity.id for each in info.storages])
     return info
 
 
-def read_message(name: str, data: bytes, cls: type[_M]) -> _M:
-    """Read a file with a serialised message; an empty file is an empty message.
-
-    Raises:
-        DataFileError: the file cannot be used.
-    """
+def _read_message(path: str, files: Mapping[str, bytes], cls: type[_M]) -> _M:
+    """Read a serialised message; the message is empty if the file is empty or missing."""
     try:
-        return cls.FromString(data)
+        return cls.FromString(files.get(path, b""))
     except DecodeError as error:
-        text = f"{name}: not a serialised {cls.DESCRIPTOR.full_name}: {error}"
+        text = f"{path}: not a serialised {cls.DESCRIPTOR.full_name}: {error}"
         raise DataFileError(text) from error

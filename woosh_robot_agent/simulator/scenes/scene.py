@@ -9,6 +9,9 @@ A robot keeps a scene in a folder. The simulator serves and accepts the same fil
     MAP/keepout.png         the areas that navigation keeps out of
     MAP/mark_info.data      the marks: a serialised `woosh.map.mark.MarkInfo`
     MAP/nav_area.data, MAP/path_info.data, MAP/traffic_keepout.png and others: carried unchanged
+
+A `woosh.map.mark.Storage` (a storage place) is what a task can have as its target. This package
+calls it a mark.
 """
 
 from __future__ import annotations
@@ -42,9 +45,10 @@ class Scene:
     Attributes:
         name: name, unique among the scenes.
         maps: at least one map. The first one is the default.
-        files: files of the scene as they were read or uploaded, by path. A change of the scene
-            removes outdated files, and `files_of` creates missing files.
-        start: initial pose of the robot on `start_map`; None if the scene does not define one.
+        files: files of the scene as they were read or uploaded, by path, without the one of
+            `action_groups`. A change of the scene removes outdated files, and `files_of` creates
+            missing files.
+        start: initial pose of the robot on `start_map`; None for any free place.
         start_map: name of the map on which the robot starts; empty for the first map.
         predefined: task sets that ExecPreTask can start.
         calls: task sets that call buttons start.
@@ -61,14 +65,14 @@ class Scene:
     action_groups: ActionGroups = field(default_factory=default_action_groups)
 
     def map(self, name: str) -> Map | None:
-        """Return the map called `name`, the first map if `name` is empty, or None."""
+        """Return the map called `name`; the first map if `name` is empty; None if there is none."""
         if not name:
             return self.maps[0]
         return next((each for each in self.maps if each.name == name), None)
 
 
 def has_pose(storage: mark_pb2.Storage) -> bool:
-    """Return True if the data of a mark have its pose."""
+    """Return True if the data of a mark contain a pose."""
     return storage.pose.HasField("dock") or storage.pose.HasField("real")
 
 
@@ -100,7 +104,7 @@ def storage_of(mark: Mark) -> mark_pb2.Storage:
 
 
 def storages_of(marks: Iterable[Mark]) -> mark_pb2.Storages:
-    """Return marks by category."""
+    """Return the data of marks, grouped by kind."""
     groups = mark_pb2.Storages()
     for mark in marks:
         storage = storage_of(mark)
@@ -111,7 +115,7 @@ def storages_of(marks: Iterable[Mark]) -> mark_pb2.Storages:
 
 
 def mark_info_of(area: Map) -> mark_pb2.MarkInfo:
-    """Return all marks of a map, as a new message."""
+    """Return all marks of a map, as a new message in the form of its file."""
     info = copy_of(area.other_marks)
     info.version = area.version
     info.floor_name = area.floor
@@ -120,12 +124,12 @@ def mark_info_of(area: Map) -> mark_pb2.MarkInfo:
 
 
 def marks_of(info: mark_pb2.MarkInfo) -> dict[str, Mark]:
-    """Return the storage places in a message, by number."""
+    """Return the marks in a message that tasks can have as targets, by number."""
     return {storage.identity.no: mark_of(storage) for storage in info.storages}
 
 
 def other_marks(info: mark_pb2.MarkInfo) -> mark_pb2.MarkInfo:
-    """Return the marks that are no storage places, as a new message."""
+    """Return the marks that only the file stores, such as beacons, as a new message."""
     others = copy_of(info)
     for name in ("version", "floor_name", "storages"):
         others.ClearField(name)
@@ -140,7 +144,7 @@ def with_map(scene: Scene, area: Map) -> Scene:
     """Return a scene with an additional map, or with a map that replaces the one of its name.
 
     A new map gets a free id. A map that replaces another one gets the other's id and floor, a
-    version above the other's, and, if it has no storage places (`marks`), all marks of the other.
+    version above the other's, and, if it has no `marks`, all marks of the other.
     """
     old = scene.map(area.name)
     if old is None:
@@ -160,16 +164,17 @@ def with_map(scene: Scene, area: Map) -> Scene:
 
 
 def without_map(scene: Scene, area: Map) -> Scene:
-    """Return a scene without one of its maps."""
+    """Return a scene without one of its maps, and without the start if that is on this map."""
     maps = [each for each in scene.maps if each is not area]
     files = {
         name: data
         for name, data in scene.files.items()
         if name != SCENE_INDEX and not name.startswith(f"{area.name}/")
     }
+    newer = replace(scene, maps=maps, files=files)
     if area is scene.map(scene.start_map):
-        return replace(scene, maps=maps, files=files, start_map="", start=None)
-    return replace(scene, maps=maps, files=files)
+        newer.start_map, newer.start = "", None
+    return newer
 
 
 def with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
@@ -198,7 +203,7 @@ def free_id(taken: Iterable[int]) -> int:
 
 
 def with_map_changed(scene: Scene, old: Map, new: Map) -> Scene:
-    """Return a scene with `new` in place of one of its maps."""
+    """Return a scene with the map `new` in place of `old`, and without the outdated files."""
     outdated: set[str] = set()
     if mark_info_of(new) != mark_info_of(old):
         outdated.add(f"{old.name}/{MARK_INFO}")
@@ -208,15 +213,17 @@ def with_map_changed(scene: Scene, old: Map, new: Map) -> Scene:
         outdated |= {f"{old.name}/{each}" for each in (*PICTURES, TRAFFIC_KEEPOUT)}
     files: dict[str, bytes] = {}
     for name, data in scene.files.items():
+        if name in outdated:
+            continue
         folder, _, file = name.partition("/")
-        if name not in outdated:
-            files[f"{new.name}/{file}" if file and folder == old.name else name] = data
+        is_of_map = file and folder == old.name
+        files[f"{new.name}/{file}" if is_of_map else name] = data
     maps = [new if each is old else each for each in scene.maps]
     return replace(scene, maps=maps, files=files)
 
 
 def set_predefined(scene: Scene, sets: Iterable[woosh_task_pb2.RepeatTask]) -> None:
-    """Replace the task sets that ExecPreTask can start."""
+    """Replace the task sets that ExecPreTask can start, in the given scene itself."""
     scene.predefined = woosh_task_pb2.RepeatTasks(repeat_tasks=sets)
     scene.files.pop(TASK_INFO, None)
 
@@ -241,22 +248,22 @@ NAV_AREA, PATH_INFO = "nav_area.data", "path_info.data"
 """Names of the files with the fields and the guide paths of a map."""
 
 MAX_NAME = 255
-"""Maximum length of a name, in characters."""
+"""Maximum length of a plain name, in characters."""
 
 
 def is_plain(name: str) -> bool:
-    """Return True if a name is a file name, not a path, on every operating system."""
+    """Return True if a name is a valid file name, not a path, on every operating system."""
     plain = PurePosixPath(name).name == PureWindowsPath(name).name == name
     return plain and name not in ("", "..") and name.isprintable() and len(name) <= MAX_NAME
 
 
 @dataclass(frozen=True)
 class SceneFiles:
-    """The files of a scene, by path.
+    """The files of a scene.
 
     Attributes:
-        shared: files that belong to no map.
-        of_maps: files of each map, by the map's name.
+        shared: files that belong to no map, by path.
+        of_maps: files of each map by path, by the map's name.
     """
 
     shared: dict[str, bytes]
@@ -264,7 +271,7 @@ class SceneFiles:
 
     @property
     def all(self) -> dict[str, bytes]:
-        """All files."""
+        """All files, by path."""
         files = dict(self.shared)
         for each in self.of_maps.values():
             files.update(each)
@@ -295,9 +302,9 @@ def task_info_of(scene: Scene) -> woosh_task_pb2.TaskInfo:
 
 
 def end_of(scene: Scene, area: Map) -> Pose | None:
-    """Return the pose at which the robot was last on a map; None if that is not known."""
+    """Return the pose at which the robot was last on a map, or else its start there, or None."""
     starts_here = area is scene.map(scene.start_map)
-    return scene.start if scene.start and starts_here else area.end
+    return area.end or (scene.start if starts_here else None)
 
 
 def _index(scene: Scene) -> bytes:
@@ -312,7 +319,7 @@ def _index(scene: Scene) -> bytes:
 
 
 def _missing_files(area: Map, given: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return new files for a map, in place of those that are not in `given`."""
+    """Return new files for a map, by path, in place of those that are not in `given`."""
     files: dict[str, bytes] = {}
     picture, folder = f"{area.name}/{PICTURE}", f"{area.name}/"
     if picture not in given:

@@ -4,7 +4,7 @@
 angles in radians, poses are [x, y, theta].
 
 Without `scene.yaml`, each map of map_server in the folder becomes a map of the scene, named after
-its YAML file. Its marks come from a file NAME.mark_info.data, if there is one.
+its YAML file and without marks.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import count, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, source_field, structure
 from woosh_robot_agent.pb.task import task_pb2, woosh_task_pb2
 from woosh_robot_agent.simulator.scenes.robot_files import (
     DEFAULT_FLOOR,
+    INT32,
     MAX_MAPS,
     MAX_MARKS,
     MAX_TASKS,
@@ -42,13 +43,10 @@ _MAX_WALLS = 1000
 """Maximum number of walls of a map: laser and planner check each wall. A map with more walls needs
 a picture instead."""
 
-_INT32 = 2**31 - 1
-"""Largest value of an int32 field."""
-
 _CallInfo = woosh_task_pb2.CallInfo
 
 _Id = Annotated[int, Between(0, 2**32 - 1)]
-_Positive = Annotated[int, Between(1, _INT32)]
+_Positive = Annotated[int, Between(1, INT32)]
 
 
 class _Pose(NamedTuple):
@@ -136,7 +134,7 @@ class StepEntry:
     Attributes:
         mark: number of the target mark.
         type: kind of task.
-        direction: direction of a task that carries goods.
+        direction: direction of a task that carries goods; default: none.
         wait: time to wait after the task, in seconds; -1 until a client tells it to continue.
         source: file and place of the entry, for errors; not a key of the file.
     """
@@ -144,7 +142,7 @@ class StepEntry:
     mark: str
     type: Literal["pick", "parking", "charge", "carry"] = "pick"
     direction: Literal["feeding", "cutting"] | None = None
-    wait: Annotated[int, Between(-1, _INT32)] = 0
+    wait: Annotated[int, Between(-1, INT32)] = 0
     source: str = source_field()
 
 
@@ -215,23 +213,26 @@ class SceneEntry:
     tasks: TasksEntry | None = None
 
 
-def read_scene_yaml(name: str, read: FileReader, *, use_own_name: bool) -> Scene:
+def read_scene_yaml(name: str, read: FileReader) -> Scene:
     """Read the scene that `scene.yaml` describes.
 
     Args:
-        name: name of the scene.
-        read: returns the content of a file.
-        use_own_name: True to prefer the name in the file, if there is one.
+        name: name of the scene, unless `scene.yaml` has one.
+        read: reads `scene.yaml` and the files that it names.
 
     Raises:
         DataFileError: a file cannot be used.
     """
     entry = structure(SceneEntry, load_yaml(SCENE_FILE, read(SCENE_FILE)), SCENE_FILE)
-    return _scene(entry, (entry.name if use_own_name else "") or name, read)
+    return _scene(entry, entry.name or name, read)
 
 
 def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
-    """Read the maps of map_server among some files.
+    """Read the maps of map_server among some files: YAML files with a key `image`.
+
+    Args:
+        names: names of the files.
+        read: reads one of the files.
 
     Raises:
         DataFileError: a file cannot be used.
@@ -245,7 +246,7 @@ def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
             continue
         stem = Path(file).stem
         entry = MapEntry(name=stem, image=file, source=file)
-        maps.append(_map(entry, len(maps) + 1, read, content))
+        maps.append(_map(entry, len(maps) + 1, read))
         check_pixels(file, maps)
         if stem in [other.name for other in maps[:-1]]:
             raise DataFileError(f"{file}: another file has the map name {stem} too")
@@ -254,7 +255,7 @@ def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
 
 def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
     maps: list[Map] = []
-    # From 1, because robots report the map id 0 with a pose that belongs to no map.
+    # Ids start from 1, because robots report the map id 0 with a pose that belongs to no map.
     given = [each.id for each in entry.maps]
     free_ids = (number for number in count(1) if number not in given)
     for each in entry.maps:
@@ -281,23 +282,14 @@ def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
     return scene
 
 
-def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Map:
-    """Return the map that an entry describes.
-
-    Args:
-        entry: the entry.
-        id_: id of the map.
-        read: returns the content of a file.
-        content: content of the file `image`, None to read it.
-    """
+def _map(entry: MapEntry, id_: int, read: FileReader) -> Map:
+    """Return the map that an entry describes, with the id `id_`; `read` reads its image."""
     walls = tuple(_walls(entry))
-    if len(walls) > _MAX_WALLS:
+    if len(walls) > _MAX_WALLS:  # a polyline has several walls
         text = f"{len(walls)} walls are more than {_MAX_WALLS}"
         raise DataFileError(f"{entry.source}.walls: {text}")
     marks = _marks(entry)
-    grid = None
-    if entry.image:
-        grid = _grid(entry.image, content or load_yaml(entry.image, read(entry.image)), read)
+    grid = _grid(entry.image, read) if entry.image else None
     if entry.area:
         x1, y1, x2, y2 = entry.area
         corners = [(x1, y1), (x2, y2)]
@@ -322,12 +314,13 @@ def _map(entry: MapEntry, id_: int, read: FileReader, content: Any = None) -> Ma
     )
 
 
-def _grid(name: str, content: Any, read: FileReader) -> Grid:
+def _grid(name: str, read: FileReader) -> Grid:
+    """Return the grid of a map of map_server, whose YAML file is `name`."""
     # numpy, scipy and Pillow load in a third of a second, which only pictures need.
     from woosh_robot_agent.simulator.scenes.map_server import read_grid
 
     folder = Path(name).parent
-    return read_grid(name, content, lambda file: read(str(folder / file)))
+    return read_grid(name, load_yaml(name, read(name)), lambda file: read(str(folder / file)))
 
 
 def _walls(entry: MapEntry) -> Iterator[Wall]:

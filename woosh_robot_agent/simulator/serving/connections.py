@@ -49,7 +49,7 @@ class Connections:
         self._writing = asyncio.Event()
         """Set while frames are sent."""
         self._client_left = asyncio.Event()
-        """Set when a client has disconnected."""
+        """Set when a client has disconnected; cleared by `wait_disconnected`."""
         self.http_calls = HttpCalls(handler, config, self.wait_readable, self._writing)
 
     @property
@@ -59,7 +59,7 @@ class Connections:
 
     @property
     def backlog(self) -> int:
-        """Number of frames that wait for the slowest client."""
+        """Largest number of frames that wait for one client."""
         return max((client.backlog for client in self._handler.clients), default=0)
 
     def open(self) -> None:
@@ -73,7 +73,7 @@ class Connections:
             await self._client_left.wait()
 
     async def close(self) -> None:
-        """Close all connections within a second."""
+        """Close all connections, and abort those that do not close within `_CLOSE_TIMEOUT`."""
         clients = self._handler.clients
         closing = [client.transport.close(_CLOSE_TIMEOUT) for client in clients]
         await asyncio.gather(*closing, return_exceptions=True)
@@ -85,7 +85,7 @@ class Connections:
             client.drop()
 
     def set_paused(self, paused: bool) -> None:
-        """Stop reading and writing without closing the connections, or continue."""
+        """Stop reading and writing without closing the connections (True), or continue (False)."""
         self._paused = paused
         self._update_events()
         for client in self._handler.clients:
@@ -95,7 +95,7 @@ class Connections:
                 client.transport.resume()
 
     def set_frozen(self, frozen: bool) -> None:
-        """Queue requests instead of executing them and send nothing, or continue."""
+        """Queue requests without executing them, and send nothing (True); or continue (False)."""
         self._handler.set_frozen(frozen)
         self._update_events()
 
@@ -105,7 +105,7 @@ class Connections:
             client.send_delayed()
 
     def send_raw(self, data: str | bytes) -> None:
-        """Send a frame to every client unchanged; a call over HTTP gets nothing but its answer."""
+        """Send a frame unchanged to every client, except to those that call over HTTP."""
         for client in list(self._handler.clients):
             if not isinstance(client.transport, HttpTransport):
                 client.send(data)
@@ -159,7 +159,7 @@ class Connections:
         return True
 
     def _drop_if_silent(self, client: Client) -> None:
-        """Drop a client that sends nothing in time. The time starts again after a pause."""
+        """Drop a client that sends nothing in time. A time that ends in a pause starts again."""
 
         def check() -> None:
             if client.has_sent or client not in self._handler.clients:
@@ -211,8 +211,8 @@ class Ports:
         connections: serves the connections.
 
     Attributes:
-        port: WebSocket port, valid after `listen`.
-        tcp_port: TCP port, valid after `listen`.
+        port: port of WebSocket and HTTP; 0 before `listen` if any free port may be used.
+        tcp_port: TCP port; likewise.
     """
 
     def __init__(self, config: SimulatorConfig, connections: Connections) -> None:
@@ -230,7 +230,7 @@ class Ports:
         """The last task of `set_listening`."""
 
     async def listen(self) -> None:
-        """Start listening.
+        """Start listening, unless the ports are open already.
 
         Raises:
             OSError: a port is in use.
@@ -254,7 +254,7 @@ class Ports:
             listener.drop()
 
     def set_listening(self, on: bool) -> None:
-        """Start or stop listening in the background. Failures are logged."""
+        """Start or stop listening in the background, after earlier changes. Failures are logged."""
         previous = self._last_change
 
         async def change() -> None:

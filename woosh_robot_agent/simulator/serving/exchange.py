@@ -27,7 +27,7 @@ Damage = Callable[[Codec, str | bytes], Encoded]
 """Returns the damaged form of an encoded frame."""
 
 Release = Callable[[], None]
-"""Sends a frame that was held back."""
+"""Sends a frame that was held back; called once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +42,9 @@ class Outgoing:
         msg: text of an answer.
         request: type of the answered request; empty for a push.
         delay: real time to delay the frame, in seconds.
-        hold: called with the client and a send function instead of sending the frame. The delay
-            starts when the send function is called.
-        damage: applied to the encoded frame.
+        hold: called with the client and a send function instead of sending the frame; None to send
+            it. The delay starts when the send function is called.
+        damage: applied to the encoded frame; None to leave it intact.
     """
 
     type: str
@@ -66,15 +66,6 @@ class Outgoing:
 Interceptor = Callable[[Outgoing], Iterable[Outgoing]]
 """Returns the frames to send instead of a frame: the same frame, other frames, or none."""
 
-Refuse = Callable[[str], "str | None"]
-"""Returns the reason to refuse a request of the given type, or None."""
-
-Admit = Callable[[], bool]
-"""Returns False to drop a new connection."""
-
-Remove = Callable[[], None]
-"""Removes a hook."""
-
 _T = TypeVar("_T")
 
 
@@ -82,15 +73,16 @@ class Hooks:
     """Functions by which faults and tests intervene; `add_hook` adds one.
 
     Attributes:
-        admissions: called for each new connection.
-        refusals: called for each request before it is executed. The latest refusal counts.
+        admissions: called for each new connection; return False to drop it.
+        refusals: called with the type of each request before it is executed; return the reason to
+            refuse it, or None. If several refuse it, the one that was added last gives the reason.
         faults: interceptors of faults. All outgoing frames pass through these first.
         interceptors: interceptors of tests. All outgoing frames pass through these afterwards.
     """
 
     def __init__(self) -> None:
-        self.admissions: list[Admit] = []
-        self.refusals: list[Refuse] = []
+        self.admissions: list[Callable[[], bool]] = []
+        self.refusals: list[Callable[[str], str | None]] = []
         self.faults: list[Interceptor] = []
         self.interceptors: list[Interceptor] = []
 
@@ -111,15 +103,13 @@ class Hooks:
         return frames
 
 
-def add_hook(hooks: list[_T], hook: _T) -> Remove:
+def add_hook(hooks: list[_T], hook: _T) -> Callable[[], None]:
     """Add a function to one of the lists of `Hooks`, and return a function that removes it."""
     hooks.append(hook)
 
     def remove() -> None:
-        for index, each in enumerate(hooks):
-            if each is hook:
-                del hooks[index]
-                return
+        if hook in hooks:  # a second call does nothing
+            hooks.remove(hook)
 
     return remove
 
@@ -140,8 +130,9 @@ class Client(ConnectedClient):
         max_outbox: maximum number of frames that wait. A client that exceeds it is dropped.
 
     Attributes:
-        has_sent: True if the client has sent at least one frame.
-        waiting: number of requests that wait to be executed or whose answers are held back.
+        has_sent: True if the client has sent a frame, or completed the handshake of a WebSocket.
+        waiting: number of requests that wait to be executed or answered, and of their answers that
+            a fault holds back or delays.
     """
 
     def __init__(self, transport: ServerTransport, max_outbox: int) -> None:
@@ -151,10 +142,10 @@ class Client(ConnectedClient):
         self._delayed: dict[object, _Delayed] = {}
         """Delayed frames, each by a unique key."""
         self._held = 0
-        """Number of frames that are held back."""
+        """Number of frames whose `hold` has not released them."""
 
     def send_outgoing(self, frame: Outgoing, data: Encoded) -> None:
-        """Queue the encoded `frame` once its `hold` releases it and its `delay` has passed."""
+        """Queue the encoded `frame` once its `hold` releases it and then its `delay` has passed."""
         if not frame.hold:
             self._send_after(frame, data)
         elif self._ensure_room():
@@ -163,7 +154,7 @@ class Client(ConnectedClient):
             frame.hold(self, partial(self._release, frame, data))
 
     def send_delayed(self) -> None:
-        """Queue all delayed frames at once, in the order of their times."""
+        """Queue all delayed frames now, in the order in which they are due."""
         for key in sorted(self._delayed, key=lambda key: self._delayed[key].timer.when()):
             self._delayed[key].timer.cancel()
             self._queue_delayed(key)
@@ -210,7 +201,7 @@ _SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name)
 
 
 class Received(NamedTuple):
-    """A message from a client. The type of a subscription is `woosh.Subscription`."""
+    """A message from a client, and its full name; a subscription has `woosh.Subscription`."""
 
     type: str
     message: Message
@@ -223,8 +214,8 @@ class Request:
     Attributes:
         client: the client.
         codec: codec of the frame and of its answer.
-        type: type of the body in the frame's envelope.
-        sn: serial number; 0 if there is none.
+        type: type of the body in the frame's envelope; `SUBSCRIPTION_TYPE` for a subscription.
+        sn: serial number; 0 if there is none, as in subscriptions and over HTTP.
         message: body, None if it could not be decoded.
         refusal_reason: reason to refuse the request without executing it; empty if there is none.
     """
@@ -242,14 +233,14 @@ class MessageHandler:
 
     Args:
         chassis: executes the requests.
-        max_waiting: maximum number of requests of one client that wait to be executed or answered.
+        max_waiting: maximum of `Client.waiting`. Further requests are refused.
 
     Attributes:
         clients: connected clients.
         hooks: hooks of faults and tests.
         received: the last messages from clients, oldest first: at most 10,000 and 64 MiB.
-        counts: number of messages from clients since the start, by type.
-        bad_frames: number of frames that could not be decoded.
+        counts: number of readable messages from clients since the start, by type.
+        bad_frames: number of frames from clients that could not be decoded.
         before_request: called before each request is executed.
         frozen: True if requests are queued instead of executed.
     """
@@ -297,14 +288,14 @@ class MessageHandler:
         self.submit(request)
 
     def submit(self, request: Request) -> None:
-        """Execute a request, or queue it while the chassis is frozen."""
+        """Execute a request. Queue it while the chassis is frozen; refuse it if too many wait."""
         client = request.client
         self.before_request()
         if request.message is not None:
             self._record(request.type, request.message)
         # A subscription takes no time, unless it has to wait for a frozen chassis.
-        subscribes = request.type == SUBSCRIPTION_TYPE
-        if client.waiting >= self._max_waiting and (self.frozen or not subscribes):
+        may_wait = self.frozen or request.type != SUBSCRIPTION_TYPE
+        if may_wait and client.waiting >= self._max_waiting:
             self._refuse_excess(request)
         elif self.frozen:
             client.waiting += 1
@@ -318,7 +309,7 @@ class MessageHandler:
         _LOG.debug("%s: unreadable frame: %s", client.transport.peer, error)
 
     def set_frozen(self, frozen: bool) -> None:
-        """Queue requests from now on, or execute all queued ones and continue."""
+        """Queue requests from now on (True), or execute all queued ones and continue (False)."""
         self.frozen = frozen
         while self._queue and not self.frozen:
             request = self._queue.popleft()
@@ -337,7 +328,7 @@ class MessageHandler:
                 self._send(client, codec, Outgoing(name, message))
 
     def report_changes(self, *, while_moving: bool) -> None:
-        """Push all events and changed states since the last call.
+        """Push all new events, the reports that are due, and the states that have changed.
 
         Args:
             while_moving: True to include PoseSpeed, which changes with every step of a moving
@@ -363,18 +354,18 @@ class MessageHandler:
         if name in _SUBSCRIPTIONS:
             subscription = codec.body(envelope, Subscription)
             return Request(client, codec, SUBSCRIPTION_TYPE, 0, subscription)
+        if not name:
+            return Request(client, codec, name, envelope.sn, None, "the request has no type")
         message, refusal_reason = None, ""
+        if name not in HANDLERS:
+            refusal_reason = f"unknown message type {name}"
         try:
-            message = codec.body(envelope, message_type(name)) if name else None
+            message = codec.body(envelope, message_type(name))
         except KeyError:
-            pass  # refused below: there is no handler for an unknown type
+            pass  # no message has this type, so that it has no handler either
         except FrameError as error:
             self.bad_frames += 1
             refusal_reason = f"unreadable body: {error}"
-        if not name:
-            refusal_reason = "the request has no type"
-        elif name not in HANDLERS and not refusal_reason:
-            refusal_reason = f"unknown message type {name}"
         return Request(client, codec, name, envelope.sn, message, refusal_reason)
 
     def _execute(self, request: Request) -> None:
@@ -398,7 +389,10 @@ class MessageHandler:
         self._after_delay(request, lambda: self._send_answer(request, answer))
 
     def _after_delay(self, request: Request, send: Callable[[], None]) -> None:
-        """Send the answer to a request after the delay that the chassis has chosen for it."""
+        """Call `send`, which answers a request, after the delay that the chassis has chosen.
+
+        Changed states are reported afterwards, for a delayed call by `chassis.on_change`.
+        """
         delay = self._chassis.answer_delay
         if delay <= 0.0:
             send()
@@ -440,7 +434,7 @@ class MessageHandler:
             f"{self._max_waiting} requests of this connection are waiting: "
             "wait for their answers first"
         )
-        if request.type == SUBSCRIPTION_TYPE:  # subscriptions have no answer
+        if request.type == SUBSCRIPTION_TYPE:  # it has no answer that could refuse it
             _LOG.warning("%s is dropped: %s", request.client.transport.peer, text)
             request.client.drop()
             return
@@ -462,7 +456,7 @@ class MessageHandler:
         self._watch.watch({topic for client in self.clients for topic in client.topics})
 
     def _record(self, type_name: str, message: Message) -> None:
-        """Count and keep a message of a client, and wake those who wait for it."""
+        """Count and keep a message of a client, and wake every `wait_received`."""
         self.counts[type_name] += 1
         self.received.append(Received(type_name, message))
         self._received_sizes.append(message.ByteSize())

@@ -58,7 +58,7 @@ _CODEC = _HttpCodec(defaults=True)  # writes fields with default values too, as 
 
 
 class HttpTransport:
-    """A `ServerTransport` for one HTTP call, whose only frame is the body of the response.
+    """A `ServerTransport` for one HTTP call. Its only frame is the body of the response.
 
     Args:
         connection: the connection.
@@ -66,7 +66,8 @@ class HttpTransport:
 
     Attributes:
         peer: address of the client.
-        response: done when the response is known, or has been written by `send_raw`.
+        response: done when the response is known. If `send_raw` has already written it, an empty
+            one, which goes nowhere.
     """
 
     def __init__(self, connection: HttpConnection, status: HTTPStatus) -> None:
@@ -75,7 +76,7 @@ class HttpTransport:
         self._connection = connection
         self._status = status
         self._left = 0
-        """Number of bytes of a raw response that have not been written."""
+        """Number of bytes of a raw response that have not been written; set by `header`."""
 
     def backlog(self) -> int:
         return self._connection.transport.get_write_buffer_size()
@@ -143,34 +144,39 @@ class HttpCalls:
         self._config = config
         self._wait_readable = wait_readable
         self._writable = writable
+        self._arriving = 0
+        """Number of requests whose bodies are still arriving."""
 
     async def respond(
         self, request: web.BaseRequest, connection: HttpConnection
     ) -> web.StreamResponse:
-        """Answer an HTTP request."""
+        """Answer an HTTP request: execute a POST, and describe the server in answer to a GET."""
         await self._wait_readable()
         if request.method in ("GET", "HEAD"):
             about = _ABOUT.format(robot=self._config.robot_id, host=request.host)
             return web.Response(text=about)
-        name = clip_type_name(request.path.strip("/").replace("/", "."))
         if request.method != "POST":
             return _refusal(HTTPStatus.METHOD_NOT_ALLOWED, "only POST and GET", Allow="GET, POST")
-        if len(self._handler.clients) >= self._config.max_connections:
+        if len(self._handler.clients) + self._arriving >= self._config.max_connections:
             text = f"there are already {self._config.max_connections} clients"
             return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, text)
         if not self._handler.hooks.admit():
             abort_transport(connection.transport)
             return web.Response()  # goes nowhere: the connection is closed
-        if request.headers.get("Expect", "").lower() == "100-continue":  # curl, for large bodies
-            await connection.write(b"HTTP/1.1 100 Continue\r\n\r\n")
+        self._arriving += 1
         try:
+            if request.headers.get("Expect", "").lower() == "100-continue":  # curl, if it is large
+                await connection.write(b"HTTP/1.1 100 Continue\r\n\r\n")
             data = await run_with_timeout(_BODY_TIMEOUT, self._body(request))
         except TimeoutError as error:
             return _refusal(HTTPStatus.REQUEST_TIMEOUT, f"the body did not arrive: {error}")
+        finally:
+            self._arriving -= 1
         if data is None:
             text = f"the body has more than {self._config.max_frame} bytes"
             return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
         await self._wait_readable()
+        name = clip_type_name(request.path.strip("/").replace("/", "."))
         return await self._execute(connection, name, data)
 
     async def _body(self, request: web.BaseRequest) -> bytes | None:
@@ -185,7 +191,7 @@ class HttpCalls:
     async def _execute(
         self, connection: HttpConnection, name: str, data: bytes
     ) -> web.StreamResponse:
-        """Execute the request of the type `name`, and return its response."""
+        """Execute the request of the type `name` with the body `data`, and return its response."""
         handler, status = self._handler, HTTPStatus.OK
         message, reason = None, ""
         if name not in HANDLERS:
@@ -208,7 +214,9 @@ class HttpCalls:
         finally:
             handler.leave(client)
             writing.cancel()
-        return transport.response.result() if transport.response.done() else web.Response()
+        if not transport.response.done():  # the client has gone
+            return web.Response()
+        return transport.response.result()
 
 
 def _refusal(status: HTTPStatus, text: str, **headers: str) -> web.Response:

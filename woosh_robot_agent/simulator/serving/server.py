@@ -61,12 +61,12 @@ class Server:
 
     @property
     def port(self) -> int:
-        """WebSocket port, valid once started."""
+        """Port of WebSocket and HTTP. If any free port may be used, it is valid once started."""
         return self._ports.port
 
     @property
     def tcp_port(self) -> int:
-        """TCP port, valid once started."""
+        """TCP port. If any free port may be used, it is valid once started."""
         return self._ports.tcp_port
 
     @property
@@ -93,7 +93,7 @@ class Server:
         await self._ports.close(reserve=True)
 
     async def settle(self) -> None:
-        """Wait until the ports are open or closed as the fault `off` requires."""
+        """Wait until the last `set_listening` has taken effect, which the fault `off` calls."""
         await self._ports.settle()
 
     def drop(self) -> None:
@@ -108,11 +108,11 @@ class Server:
         self._ports.set_listening(on)
 
     def pause_connections(self, paused: bool) -> None:
-        """Stop reading and writing without closing the connections, or continue."""
+        """Stop reading and writing without closing the connections (True), or continue (False)."""
         self._connections.set_paused(paused)
 
     def freeze(self, frozen: bool) -> None:
-        """Stop the simulated time and queue all requests, or continue."""
+        """Stop the simulated time, queue all requests and send nothing (True), or continue."""
         self._connections.set_frozen(frozen)
 
     def set_emergency_stop(self, pressed: bool) -> None:
@@ -153,12 +153,12 @@ class Server:
         self._handler.push(message)
 
     def push_changes(self) -> None:
-        """Push all events and changed states."""
+        """Push all events and changed states to their subscribers."""
         self._handler.report_changes(while_moving=True)
 
     @property
     def backlog(self) -> int:
-        """Number of frames that wait for the slowest client."""
+        """Largest number of frames that wait for one client."""
         return self._connections.backlog
 
     def start_clock(self) -> None:
@@ -173,7 +173,7 @@ class Server:
             self._ticker.cancel()
 
     def on_step(self) -> None:
-        """Called after each step, also while the robot is frozen; subclasses may override it."""
+        """Called in each step, also while the robot is frozen; subclasses may override it."""
 
     async def _tick(self) -> None:
         """Advance the simulated time step by step, as fast as `speed` says."""
@@ -202,20 +202,20 @@ class Server:
 
     @property
     def _runs_within_steps(self) -> bool:
-        """True if the simulated time advances within steps too."""
+        """True if the simulated time advances between two steps too."""
         return (
             bool(self._ticker) and not self._handler.frozen and TIME_STEP / self.speed >= _MIN_STEP
         )
 
     def _wake_for(self, time: float) -> None:
-        """Wake up for a call of the chassis that is due before the next step."""
+        """Wake up at the simulated `time` for a call of the chassis, if it is in this step."""
         into_step = time - self.chassis.stepped
         if self._runs_within_steps and into_step < TIME_STEP:
             loop = asyncio.get_running_loop()
             loop.call_at(self._step_start + into_step / self.speed, self._catch_up)
 
     def _catch_up(self) -> None:
-        """Advance the simulated time to this moment, within the current step."""
+        """Advance the simulated time to this moment, but not beyond the current step."""
         if not self._runs_within_steps:
             return
         into_step = (asyncio.get_running_loop().time() - self._step_start) * self.speed
