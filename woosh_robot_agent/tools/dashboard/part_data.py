@@ -46,9 +46,9 @@ from woosh_robot_agent.tools.dashboard.texts import value_data
 from woosh_robot_agent.tools.robot_view import RobotView, code_key
 
 _MAX_CODES = 50
-"""Maximum number of status codes on the page."""
+"""Maximum number of status codes in a list of the page."""
 _MAX_POINTS = 2000
-"""Maximum number of points of a path on the page."""
+"""Maximum number of points of a path, zone or lane on the page."""
 _MAX_MARKS = 2000
 """Maximum number of marks on the page."""
 _MAX_ZONES = 500
@@ -62,7 +62,10 @@ _MAX_NAME = 60
 
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
-    """Return pose and speed; None if the robot has not reported a finite pose."""
+    """Return pose and speed, in m, rad, m/s and rad/s; None without a finite pose.
+
+    `doubt` says why the pose may mean nothing; it is None without a doubt.
+    """
     if not info.pose_speed.HasField("pose"):
         return None
     pose, twist = info.pose_speed.pose, info.pose_speed.twist
@@ -80,7 +83,7 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
 
 
 def robot_data(view: RobotView) -> dict[str, Any]:
-    """Return the state of a robot, except pose and status codes."""
+    """Return the state of a robot, except its pose and its earlier status codes."""
     info = view.info
     return {
         "known": view.has_robot_info,
@@ -105,7 +108,10 @@ def robot_data(view: RobotView) -> dict[str, Any]:
 
 
 def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
-    """Return values for technicians: software, network, hardware that is not normal, link."""
+    """Return values for technicians: software, network, hardware that is not normal, link.
+
+    `mileage` is in metres. `clockOffset` is in seconds; it is None if unknown.
+    """
     info, stats = view.info, chassis.stats
     return {
         "address": chassis.config.address,
@@ -127,10 +133,7 @@ def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
 def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str, Any]:
     """Return the data of a robot's card in the overview of all robots.
 
-    Args:
-        view: state of the robot.
-        chassis: link of the robot.
-        silence: whole seconds for which the robot has sent nothing.
+    `silence` is the time for which the robot has been connected but has sent nothing, in seconds.
     """
     info = view.info
     worst = max((code.level for code in info.abnormal_codes.scs), default=StatusCode.kNormal)
@@ -160,7 +163,15 @@ def link_state(chassis: ChassisClient) -> str:
 
 
 def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
-    """Return map and pose of a robot, for the pages of other robots; None if it is not known."""
+    """Return map and pose of a robot, for the pages of other robots.
+
+    Args:
+        info: state of the robot.
+        index: index of the robot in the list of robots.
+
+    Returns:
+        None if the robot has no finite pose, or if its pose may mean nothing.
+    """
     pose = pose_data(info)
     if pose is None or pose["doubt"]:
         return None
@@ -188,7 +199,7 @@ def codes_data(view: RobotView, times: Mapping[tuple[int, ...], int]) -> list[di
 
 
 def code_data(code: StatusCode) -> dict[str, Any]:
-    """Return number, level, text and meaning of a status code."""
+    """Return number, level, text and meaning of a status code; the meaning is empty if unknown."""
     return {
         "code": str(code.code),
         "level": enum_name(StatusCode.Level, code.level),
@@ -203,7 +214,7 @@ def outline_data(info: RobotInfo) -> list[list[float]]:
 
 
 def path_data(view: RobotView) -> list[list[float]]:
-    """Return the points of the path that the robot follows, in metres."""
+    """Return the points of the path that the robot follows, in metres; empty without one."""
     nav_path = view.values.value(NavPath)
     return points_data(nav_path.path.poses if nav_path is not None and may_navigate(view) else [])
 
@@ -221,7 +232,10 @@ def task_state(report: TaskProc) -> str:
 
 
 def points_data(points: Any, max_points: int = _MAX_POINTS) -> list[list[float]]:
-    """Return points for the page, in metres: every nth point if there are too many."""
+    """Return the finite ones of some points, as x and y in metres.
+
+    If there are more than `max_points`, only every second, third etc. point is returned.
+    """
     step = math.ceil(len(points) / max_points) or 1
     return [
         [round(each.x, 3), round(each.y, 3)]
@@ -255,7 +269,7 @@ def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
     found = [
         (field.name, each)
         for field, fields in area.field_info.ListFields()
-        if field.name != "guide_markers"
+        if field.name != "guide_markers"  # all other fields are lists of zones
         for each in fields
     ][:_MAX_ZONES]
     for kind, each in found:
@@ -267,14 +281,14 @@ def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
 
 
 def lanes_data(area: SceneData.Map) -> list[list[list[float]]]:
-    """Return the paths on which robots should drive, as points in metres."""
+    """Return the lanes of a map, on which robots should drive: the points of each, in metres."""
     paths: list[Any] = [*area.path_info.mono_paths, *area.path_info.bidirect_paths][:_MAX_ZONES]
     lanes = (points_data(each.path, _points_each(paths)) for each in paths)
     return [each for each in lanes if len(each) > 1]
 
 
 def _points_each(found: list[Any]) -> int:
-    """Return how many points each of these zones or lanes may have on the page."""
+    """Return how many points the page may show of each of these zones or lanes."""
     return min(_MAX_POINTS, _MAX_ZONE_POINTS // len(found))
 
 
@@ -379,17 +393,17 @@ first angle and the angle between two rays; in metres and radians. The ranges ar
 as 16-bit integers; 0 means no reflection.
 """
 _MAX_RAYS = 10_000
-"""Maximum number of rays that are sent."""
+"""Maximum number of ranges of a scan that are sent."""
 _MAX_RANGE = 65.535
 """Greatest range that can be expressed, in metres."""
 
 
 def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | None:
-    """Return the message for a scan; None if the scan has no valid angles or pose.
+    """Return the message for a scan; None if a value of its header is not finite.
 
     Args:
         scan: the scan.
-        pose: pose of the robot, used if the scan has none.
+        pose: x, y and theta of the robot, in metres and radians; used if the scan has no pose.
     """
     if scan.HasField("pose"):
         pose = scan.pose.x, scan.pose.y, scan.pose.theta

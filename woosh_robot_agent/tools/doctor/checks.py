@@ -62,7 +62,7 @@ class Result:
         status: outcome.
         text: what was found.
         remedy: what to do about it; empty if nothing has to be done.
-        check: name of the check; filled in by `examine`.
+        check: name of the check; empty in the results of the checks below, filled in by `examine`.
     """
 
     status: Status
@@ -155,7 +155,7 @@ def _report(config: LinkConfig) -> str:
 
 
 async def _receive_answer(transport: Transport, codec: Codec, unusable: list[str]) -> Envelope:
-    """Return the answer; describe each unreadable frame and each other answer in `unusable`."""
+    """Return the answer; append texts about unreadable frames and other answers to `unusable`."""
     while True:
         try:
             envelope = codec.decode(await transport.recv())
@@ -332,7 +332,8 @@ async def _link_error(
         config: address and timeouts of the robot.
         text: what is wrong if no chassis answers HTTP either.
         remedy: what to do about it then.
-        reason: why the link did not open; by default `text`.
+        reason: why the link did not open, for the error if a chassis answers HTTP; by default
+            `text`.
     """
     is_http = config.transport == "websocket"
     answer = await ask_over_http(config, RobotInfo(), config.connect_timeout) if is_http else None
@@ -404,7 +405,7 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
 
 
 def _robot_info_over_http(body: bytes) -> RobotInfo | None:
-    """Return the RobotInfo in a response over HTTP, None if it has none."""
+    """Return the RobotInfo in a response over HTTP; None if it has none."""
     try:
         envelope = JSON.decode(body)
         return JSON.body(envelope, RobotInfo) if envelope.type == full_name(RobotInfo) else None
@@ -444,7 +445,7 @@ def check_initialisation(info: RobotInfo) -> Result:
 
 
 def check_localisation(info: RobotInfo) -> Result:
-    """Check that the robot knows its position."""
+    """Check that the robot knows its position, and that the position belongs to a map."""
     if info.state == robot.kUninit:
         return Result(Status.SKIPPED, "not checked until the robot is initialised")
     if info.state == robot.kMapping:
@@ -489,7 +490,7 @@ def check_codes(info: RobotInfo) -> Result:
 
 
 def _check(good: bool | None, objection: Objection, text: str) -> Result:
-    """Return the result for a condition: `text` if true, `objection` if false; None is unknown."""
+    """Return `text` as the result if `good`, and otherwise `objection`; None means unknown."""
     if good is None:
         return _NOT_REPORTED
     return Result(Status.OK, text) if good else _failed([objection])

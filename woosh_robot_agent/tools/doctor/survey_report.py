@@ -67,7 +67,7 @@ def results(
         seconds: duration, in seconds.
         complete: False if the survey was stopped early.
         lost: number of lost connections.
-        address: address of the robot.
+        address: address of the robot, left out without `with_names`.
         with_names: True to keep names and numbers that could identify the robot or its site.
     """
     redactor = None if with_names else Redactor(seen.names)
@@ -174,7 +174,7 @@ def _pushes(seen: Observations) -> Iterator[dict[str, Any]]:
 
 
 def _series(values: Sequence[float], *, digits: int) -> dict[str, float] | None:
-    """Return number, median, 99 % quantile, minimum and maximum of some values; None if none."""
+    """Return number, median, 99 % quantile, minimum and maximum of values; None without values."""
     if not values:
         return None
     figures = {
@@ -187,6 +187,7 @@ def _series(values: Sequence[float], *, digits: int) -> dict[str, float] | None:
 
 
 def _unknown(path: str, unknown: Unknown, redactor: Redactor | None) -> dict[str, Any]:
+    """Return what is known of an unknown field; of an unknown type if `path` is empty."""
     key = path.rpartition(".")[2]
     values = [redactor.value(key, each) if redactor else each for each in unknown.values]
     return {"count": unknown.count, "values": values}
@@ -207,7 +208,7 @@ def _unknown_codes(seen: Observations, redactor: Redactor | None) -> Iterator[di
     counts: Counter[int] = Counter()
     for body in seen.bodies():
         for code in _codes_in(body):
-            if code.code and not meaning(code.code):  # 0 in an empty answer
+            if code.code and not meaning(code.code):  # an empty answer has the code 0
                 counts[code.code] += 1
                 texts[code.code] = code.msg
     for number, count in sorted(counts.items()):
@@ -227,6 +228,7 @@ def _redacted(text: str, redactor: Redactor | None) -> str:
 
 
 _QUERIES = {each.request for each in QUERIES}
+"""Types of the requests that are queries."""
 
 
 def markdown(found: Mapping[str, Any]) -> str:
@@ -291,7 +293,7 @@ def markdown(found: Mapping[str, Any]) -> str:
 
 
 def _differences(found: Mapping[str, Any]) -> list[str]:
-    """Return the list of the section about the differences from the simulator, by lines."""
+    """Return the lines of the section about the differences from the simulator."""
     lines = [
         f"- `{'.'.join(each['field'])}`: {_as_code(each['value'])} instead of "
         f"{_as_code(each[REFERENCE])} ({each['samples']} samples)"
