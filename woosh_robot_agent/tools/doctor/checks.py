@@ -25,12 +25,10 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.clock import describe_offset
 from woosh_robot_agent.robot.readiness import (
+    CONTROL_MODES,
     DEPLOYMENT,
     EMERGENCY_STOP,
     LOST,
-    MAINTENANCE,
-    MANUAL,
-    NO_CONTROL_MODE,
     NO_WORK_MODE,
     NOT_INITIALISED,
     SCHEDULE,
@@ -413,7 +411,7 @@ def _robot_info_over_http(body: bytes) -> RobotInfo | None:
         return None
 
 
-_MODE_OBJECTIONS = (MANUAL, MAINTENANCE, NO_CONTROL_MODE, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)
+_MODE_OBJECTIONS = (*CONTROL_MODES, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)
 """The objections that `check_mode` reports."""
 _NOT_REPORTED = Result(
     Status.WARN,
@@ -450,18 +448,23 @@ def check_localisation(info: RobotInfo) -> Result:
         return Result(Status.SKIPPED, "not checked until the robot is initialised")
     if info.state == robot.kMapping:
         return Result(Status.SKIPPED, "not checked while the robot is building a map")
-    result = _check(is_located(info), LOST, "the robot knows its position")
-    doubt = pose_problem(info)
-    if result.status is Status.OK and doubt is not None:
+    located = is_located(info)
+    if located is None:
+        return _NOT_REPORTED
+    if not located:
+        return _failed([LOST])
+    if doubt := pose_problem(info):
         return Result(Status.WARN, doubt.reason, doubt.remedy)
-    return result
+    return Result(Status.OK, "the robot knows its position")
 
 
 def check_emergency_stop(info: RobotInfo) -> Result:
     """Check that the emergency stop is released."""
-    is_pressed = EMERGENCY_STOP in objections(info)
-    is_known = info.HasField("device_state")
-    return _check(not is_pressed if is_known else None, EMERGENCY_STOP, "not pressed")
+    if not info.HasField("device_state"):
+        return _NOT_REPORTED
+    if EMERGENCY_STOP in objections(info):
+        return _failed([EMERGENCY_STOP])
+    return Result(Status.OK, "not pressed")
 
 
 def check_taskable(info: RobotInfo) -> Result:
@@ -487,13 +490,6 @@ def check_codes(info: RobotInfo) -> Result:
     if codes:
         return Result(Status.WARN, "; ".join(codes), "resolve what the codes report")
     return Result(Status.OK, "no unresolved problem is reported")
-
-
-def _check(good: bool | None, objection: Objection, text: str) -> Result:
-    """Return `text` as the result if `good`, and otherwise `objection`; None means unknown."""
-    if good is None:
-        return _NOT_REPORTED
-    return Result(Status.OK, text) if good else _failed([objection])
 
 
 def _failed(found: list[Objection]) -> Result:
