@@ -125,7 +125,7 @@ def _first_reports(seen: Observations) -> _Found:
     """Yield the times from the answer to a task to its first report."""
     reports = seen.pushed(TaskProc)
     times = []
-    for each in seen.answered(pack.ExecTask) + seen.answered(pack.ExecPreTask):
+    for each in seen.accepted(pack.ExecTask) + seen.accepted(pack.ExecPreTask):
         if each.request_body is None:
             continue
         task_id = getattr(each.request_body, "task_id", 0)  # 0: the robot chooses one
@@ -146,7 +146,7 @@ def _order_effects(seen: Observations) -> _Found:
     """Yield the times from an order to the next report of a task."""
     reports = seen.pushed(TaskProc)
     effects = []
-    for order in seen.answered(pack.ActionOrder):
+    for order in seen.accepted(pack.ActionOrder):
         sent_at = order.t - order.delay
         effect = next((t - sent_at for t, _ in reports if t >= sent_at), math.inf)
         if effect <= _MAX_EFFECT:
@@ -187,7 +187,7 @@ def _answers(seen: Observations) -> _Found:
         yield ("answers", "default"), Learned(list(map(_round_to_ms, medians)), samples)
     for name, found in times.items():
         yield ("answers", "requests", name), found
-    done = [each.delay for each in seen.answered(pack.InitRobot)]
+    done = [each.delay for each in seen.accepted(pack.InitRobot)]
     if done:
         yield ("answers", "initialisation"), _interval(done)
 
@@ -198,7 +198,7 @@ def _mapping(seen: Observations) -> _Found:
         period = Learned(_round_to_ms(quantile(periods, 0.5)), len(periods))
         yield ("mapping", "picture_period"), period
     delays: dict[int, list[float]] = {}
-    for each in seen.answered(pack.BuildMap):
+    for each in seen.accepted(pack.BuildMap):
         delays.setdefault(getattr(each.request_body, "type", 0), []).append(each.delay)
     starts = delays.get(pack.BuildMap.kAdd, []) + delays.get(pack.BuildMap.kUpdate, [])
     if starts:
@@ -318,7 +318,7 @@ def _start_delays(seen: Observations) -> _Found:
     """Yield the time from the first velocity, while the robot stands, to its first motion."""
     poses = seen.pushed(PoseSpeed)
     start_delays, last_sent_at = [], -math.inf
-    for velocity in seen.answered(pack.Twist):
+    for velocity in seen.accepted(pack.Twist):
         sent_at = velocity.t - velocity.delay
         is_after_pause = sent_at - last_sent_at > _MAX_START
         last_sent_at = sent_at

@@ -204,10 +204,10 @@ class Observations:
         found = self.pushes_of(cls.DESCRIPTOR.full_name)
         return [(each.t, each.body) for each in found if each.body]  # type: ignore[misc]
 
-    def answered(self, cls: type[Message], *, ok: bool = True) -> list[AnsweredRequest]:
-        """Return all answers to requests of a class that were accepted, or refused."""
+    def accepted(self, cls: type[Message]) -> list[AnsweredRequest]:
+        """Return the accepted requests of a class."""
         name = cls.DESCRIPTOR.full_name
-        return [each for each in self.answers if each.request == name and each.ok is ok]
+        return [each for each in self.answers if each.request == name and each.ok]
 
     def _add_from_client(self, frame: SeenFrame, envelope: Envelope) -> None:
         if envelope.type in (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name):
