@@ -33,7 +33,6 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.readiness import (
-    Objection,
     accepts_task,
     all_objections,
     is_charging,
@@ -78,7 +77,7 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
         "theta": round(pose.theta, 4),
         "linear": _rounded_or_zero(twist.linear),
         "angular": _rounded_or_zero(twist.angular),
-        "doubt": None if doubt is None else _objection(doubt),
+        "doubt": None if doubt is None else doubt._asdict(),
     }
 
 
@@ -97,7 +96,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
         "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
         "taskable": accepts_task(info),
-        "objections": [_objection(each) for each in all_objections(info)],
+        "objections": [each._asdict() for each in all_objections(info)],
         "battery": _battery(info),
         "task": _task(view),
         "actions": [_action(view, name) for name in sorted(view.actions)],
@@ -147,7 +146,7 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "id": info.robot_id or info.genral.serial_number,
         "name": info.setting.identity.name,
         "state": enum_name(robot.State, info.state),
-        "objection": None if objection is None else _objection(objection),
+        "objection": None if objection is None else objection._asdict(),
         "moves": bool(_rounded_or_zero(twist.linear) or _rounded_or_zero(twist.angular)),
         "problems": len(info.abnormal_codes.scs),
         "level": enum_name(StatusCode.Level, worst),
@@ -310,10 +309,6 @@ def task_types_data(scene: SceneData) -> list[dict[str, Any]]:
         {"type": kind, "number": number, "name": name}
         for (kind, number), name in list(found.items())[:_MAX_TYPES]
     ]
-
-
-def _objection(objection: Objection) -> dict[str, str]:
-    return {"name": objection.name, "reason": objection.reason, "remedy": objection.remedy}
 
 
 def _battery(info: RobotInfo) -> dict[str, Any] | None:

@@ -132,7 +132,7 @@ class Robot:
             ("robot", lambda: part_data.robot_data(self.view)),
             ("outline", lambda: part_data.outline_data(self.view.info)),
             ("path", self._path_data),
-            ("codes", self._codes_data),
+            ("codes", lambda: part_data.codes_data(self.view, self._code_times)),
             ("map", lambda: self.map.data(*self._map_use)),
             ("scenes", self.map.scenes_data),
         ):
@@ -338,9 +338,6 @@ class Robot:
 
     def _path_data(self) -> list[list[float]]:
         return part_data.path_data(self.view) if self._path_origin == self._origin else []
-
-    def _codes_data(self) -> list[dict[str, Any]]:
-        return part_data.codes_data(self.view, self._code_times)
 
     def _link_data(self) -> dict[str, Any]:
         chassis = self.chassis

@@ -154,7 +154,7 @@ class Viewer:
             return f'{{"part":"clock","data":{int(asyncio.get_running_loop().time() * 1000.0)}}}'
         parts, name = next(iter(self._stale))
         del self._stale[parts, name]
-        return parts.messages.get(name, "{}")
+        return parts.messages[name]
 
     def _changed(self, parts: Parts, names: Set[str]) -> None:
         self._stale.update(dict.fromkeys((parts, name) for name in names))
