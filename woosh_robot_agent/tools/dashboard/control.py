@@ -463,5 +463,5 @@ class _Stick(VelocityDriver):
         super().__init__(gate, robot.chassis, _STICK, limits, log_refusals=False)
         self._on_refused = on_refused
 
-    def refuse(self, kind: str, reason: str) -> None:
+    def log_refusal(self, kind: str, reason: str) -> None:
         self._on_refused(reason)
