@@ -175,7 +175,9 @@ class Dashboard:
             self._shared.publish_changes(_PLACES_PERIOD),
             self._shared.publish_each_second(),
         ):
-            self._tasks.append(loop.create_task(work, name="dashboard"))
+            task = loop.create_task(work, name="dashboard")
+            task.add_done_callback(_log_failure)
+            self._tasks.append(task)
 
     async def close(self) -> None:
         """Stop each robot that a stick drives, stop listening, and close the links."""
@@ -460,6 +462,11 @@ class Dashboard:
         # only the dashboard of a simulator has such commands, and it shows only one robot
         self.robots[0].parts.changed()
         return outcome
+
+
+def _log_failure(task: asyncio.Task[None]) -> None:
+    if not task.cancelled() and (error := task.exception()):
+        _LOG.error("a part of the page is no longer updated", exc_info=error)
 
 
 def _reachable(host: str) -> str:
