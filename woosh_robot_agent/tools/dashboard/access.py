@@ -149,18 +149,21 @@ class Access:
             return self._local_role
         return self._role_of(request.query.get("token", "")) or self._cookie_role(request)
 
-    def cookie(self, request: web.BaseRequest) -> dict[str, str]:
-        """Return the header of a response that sets the cookie with the token; empty without one.
+    def set_cookie(self, request: web.BaseRequest, response: web.Response) -> None:
+        """Set the cookie if the address of a request has a token.
 
         All pages in a browser share the cookie. A token for LOOK does not replace one for CONTROL,
         because an open page would lose its STOP button.
         """
         role = self._role_of(request.query.get("token", ""))
-        if role is None or self._cookie_role(request) is Role.CONTROL:
-            return {}
-        secure = "; Secure" if self.scheme == "https" else ""
-        content = f"{self._cookie_name}={self.tokens[role]}"
-        return {"Set-Cookie": f"{content}; Path=/; HttpOnly; SameSite=Strict{secure}"}
+        if role is not None and self._cookie_role(request) is not Role.CONTROL:
+            response.set_cookie(
+                self._cookie_name,
+                self.tokens[role],
+                secure=self.scheme == "https",
+                httponly=True,
+                samesite="Strict",
+            )
 
     def _cookie_role(self, request: web.BaseRequest) -> Role | None:
         try:

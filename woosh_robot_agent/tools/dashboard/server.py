@@ -13,6 +13,7 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Any
+from urllib.parse import quote
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
@@ -213,7 +214,7 @@ class Dashboard:
         tokens = self._access.tokens
         if not tokens:
             return dict.fromkeys(Role, page)
-        return {role: f"{page}?token={token}" for role, token in tokens.items()}
+        return {role: f"{page}?token={quote(token, safe='')}" for role, token in tokens.items()}
 
     # Parts of all robots
 
@@ -260,8 +261,10 @@ class Dashboard:
         if found is None:
             return _error(request, HTTPStatus.NOT_FOUND, _NO_PAGE())
         content, content_type = found
-        headers = {**SECURITY_HEADERS, "Content-Type": content_type, **access.cookie(request)}
-        return web.Response(body=content, headers=headers)
+        headers = {**SECURITY_HEADERS, "Content-Type": content_type}
+        response = web.Response(body=content, headers=headers)
+        access.set_cookie(request, response)
+        return response
 
     def _map_picture(self, path: str) -> tuple[bytes, str] | None:
         """Return a picture of the map of a robot.
