@@ -337,7 +337,7 @@ async def _link_error(
     answer = await ask_over_http(config, RobotInfo(), config.connect_timeout) if is_http else None
     if answer is None:
         return CheckFailedError(text, remedy)
-    info = _robot_info_over_http(answer.body)
+    info = _robot_info_over_http(answer)
     if info is None:
         found = f"{text}; HTTP is answered with status {answer.status}"
         by = f" by {answer.server}" if answer.server else ""
@@ -357,13 +357,13 @@ class HttpAnswer(NamedTuple):
     Attributes:
         status: status of the response.
         server: the Server header; empty without one.
-        body: body of the response; only its beginning if it is longer than `_MAX_BODY`.
+        envelope: the answer in the body; None if the body is no answer, or too long.
         delay: time from request to response, in seconds.
     """
 
     status: int
     server: str
-    body: bytes
+    envelope: Envelope | None
     delay: float
 
 
@@ -396,17 +396,22 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
                 body += chunk
                 if len(body) > _MAX_BODY:
                     break
-            server = response.headers.get("Server", "")
-            return HttpAnswer(response.status, server, bytes(body), time.monotonic() - began)
+            delay = time.monotonic() - began
+            try:
+                envelope = JSON.decode(bytes(body))
+            except FrameError:
+                envelope = None
+            return HttpAnswer(response.status, response.headers.get("Server", ""), envelope, delay)
     except (aiohttp.ClientError, TimeoutError, OSError):  # nothing answers HTTP
         return None
 
 
-def _robot_info_over_http(body: bytes) -> RobotInfo | None:
-    """Return the RobotInfo in a response over HTTP; None if it has none."""
+def _robot_info_over_http(answer: HttpAnswer) -> RobotInfo | None:
+    """Return the RobotInfo in an answer over HTTP; None if it has none."""
+    if answer.envelope is None or answer.envelope.type != full_name(RobotInfo):
+        return None
     try:
-        envelope = JSON.decode(body)
-        return JSON.body(envelope, RobotInfo) if envelope.type == full_name(RobotInfo) else None
+        return JSON.body(answer.envelope, RobotInfo)
     except FrameError:
         return None
 

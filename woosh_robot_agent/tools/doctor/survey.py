@@ -17,7 +17,7 @@ from rich.progress import TimeRemainingColumn
 from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import QUERIES, TOPICS, minimum_timeouts
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.codecs import JSON, client_codec
+from woosh_robot_agent.link.codecs import client_codec
 from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, FrameError
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
@@ -41,7 +41,7 @@ from woosh_robot_agent.tools.doctor import SurveyError
 from woosh_robot_agent.tools.doctor.checks import HttpAnswer, ask_over_http
 from woosh_robot_agent.tools.doctor.learn import SURVEY_FILE
 from woosh_robot_agent.tools.doctor.observations import AnsweredRequest, Observations, SeenFrame
-from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, HttpResult, markdown, results
+from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, markdown, results
 from woosh_robot_agent.tools.options import stop_event
 from woosh_robot_agent.tools.progress import progress_bar
 
@@ -85,7 +85,7 @@ class _Survey:
 
     def __init__(self, config: LinkConfig) -> None:
         self.seen = Observations()
-        self.http: dict[str, HttpResult | None] = {}
+        self.http: dict[str, HttpAnswer | None] = {}
         self.lost = 0
         self._config = config
         self._transport: Transport
@@ -250,18 +250,12 @@ class _Survey:
         """Send each query over HTTP; stop after two if neither of them is answered."""
         for request, timeout in self._requests():
             answer = await ask_over_http(self._config, request, timeout)
-            self.http[full_name(request)] = _http_result(answer) if answer else None
+            if answer and answer.envelope:
+                answer.envelope.body = None  # not needed, and maybe large
+            self.http[full_name(request)] = answer
             if len(self.http) > 1 and not any(self.http.values()):
                 return
             await asyncio.sleep(_PAUSE)
-
-
-def _http_result(answer: HttpAnswer) -> HttpResult:
-    try:
-        envelope = JSON.decode(answer.body)
-    except FrameError:
-        return HttpResult(answer.status, None, "", answer.delay)
-    return HttpResult(answer.status, envelope.ok, envelope.msg, answer.delay)
 
 
 def check_folder(folder: Path) -> None:

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link.protos import message_types
@@ -15,6 +15,7 @@ from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import General, RobotInfo
 from woosh_robot_agent.robot.clock import describe_offset
 from woosh_robot_agent.robot.status_codes import meaning
+from woosh_robot_agent.tools.doctor.checks import HttpAnswer
 from woosh_robot_agent.tools.doctor.learn import (
     REFERENCE,
     differs,
@@ -33,26 +34,10 @@ _NOT_FOUND = 404
 """HTTP status for a request that the robot does not know."""
 
 
-class HttpResult(NamedTuple):
-    """The answer to a query over HTTP.
-
-    Attributes:
-        status: status of the response.
-        ok: True if the query was accepted, False if it was refused; None if the body is no answer.
-        text: text of the answer.
-        delay: time from request to response, in seconds.
-    """
-
-    status: int
-    ok: bool | None
-    text: str
-    delay: float
-
-
 def results(
     seen: Observations,
     *,
-    http: Mapping[str, HttpResult | None],
+    http: Mapping[str, HttpAnswer | None],
     seconds: float,
     complete: bool,
     lost: int,
@@ -123,7 +108,7 @@ def _robot(seen: Observations) -> dict[str, Any]:
 
 
 def _requests(
-    seen: Observations, http: Mapping[str, HttpResult | None], redactor: Redactor | None
+    seen: Observations, http: Mapping[str, HttpAnswer | None], redactor: Redactor | None
 ) -> Iterator[dict[str, Any]]:
     for name in sorted(seen.asked):
         answers = [each for each in seen.answers if each.request == name]
@@ -149,13 +134,14 @@ def _requests(
         }
 
 
-def _http_result(answer: HttpResult | None, redactor: Redactor | None) -> dict[str, Any]:
+def _http_result(answer: HttpAnswer | None, redactor: Redactor | None) -> dict[str, Any]:
     if answer is None:  # not answered
         return {"status": 0}
+    envelope = answer.envelope
     return {
         "status": answer.status,
-        "ok": answer.ok,
-        "text": _redacted(answer.text, redactor),
+        "ok": envelope.ok if envelope else None,
+        "text": _redacted(envelope.msg if envelope else "", redactor),
         "delay": round(answer.delay, 4),
     }
 
