@@ -214,13 +214,7 @@ class Control:
     ) -> Coroutine[Any, Any, Outcome]:
         """Give the control to a viewer, and return the execution of its command.
 
-        A stop needs no control.
-
-        Args:
-            viewer: the viewer, which has the permission to control.
-            name: name of the command.
-            args: arguments of the command.
-            clock: newest time that the page had received, in milliseconds.
+        A stop needs no control. `clock` is the newest time that the page had received, in ms.
 
         Raises:
             CommandError: the command is refused.
@@ -253,9 +247,7 @@ class Control:
     def drive(self, viewer: Viewer, message: Args) -> None:
         """Process a velocity of a viewer's stick.
 
-        Args:
-            viewer: the viewer, which has the permission to control.
-            message: `linear` in m/s, `angular` in rad/s, `clock` as for a command, and `press`.
+        The message has `linear` in m/s, `angular` in rad/s, `clock` as for a command, and `press`.
 
         Raises:
             CommandError: a value is not a valid number.
@@ -291,7 +283,6 @@ class Control:
             self._end_control()
 
     def _end_control(self) -> None:
-        """Stop what the stick drives, and take the control from its owner."""
         self._stick.drive(0.0, 0.0, 0.0)
         self.owner = None
         self._press = -1
@@ -352,7 +343,6 @@ class Control:
         return Text("reason.running", owner=owner) if owner else None
 
     async def _stop(self, viewer: Viewer) -> Outcome:
-        """Stop the robot, and end the press that was driving."""
         driving = self.owner, self._press
         report = await self._gate.stop(_STOP_TIMEOUT)
         self.alarm.answered(report)
@@ -398,7 +388,6 @@ class Control:
         return replace(self._limits, max_linear=linear)
 
     def _stopped(self) -> None:
-        """Note that a stop begins."""
         self._stopped_at = asyncio.get_running_loop().time()
         self._end_press(Text("reply.stopping"))
 

@@ -91,9 +91,7 @@ class MapSource:
     def data(self, scene: Scene, mapping: bool) -> dict[str, Any]:
         """Return the data of the part `map` of the page.
 
-        Args:
-            scene: scene and map that the robot uses.
-            mapping: True while the robot is making a map.
+        The robot uses the map of `scene`, or is making a map if `mapping` is true.
         """
         # a picture of another map is not shown
         if self.picture is None or not (mapping or self.picture.shows(scene)):
@@ -212,14 +210,7 @@ async def _picture(
     origin: tuple[float, float, float],
     content: dict[str, Any],
 ) -> MapPicture:
-    """Return the picture of a map.
-
-    Args:
-        png: the map, as the robot sends it.
-        keepout_png: the keep-out areas; empty without them.
-        resolution: size of a pixel, in metres.
-        origin: x, y and theta of the lower left corner, in metres and radians.
-        content: further data of the map for the page.
+    """Return a map from the images of a robot; `content` is further data of it for the page.
 
     Raises:
         MapError: the map has no valid resolution, origin or image.

@@ -162,14 +162,9 @@ def link_state(chassis: ChassisClient) -> str:
 
 
 def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
-    """Return map and pose of a robot, for the pages of other robots.
+    """Return map and pose of a robot, for the pages of other robots; None without a sure pose.
 
-    Args:
-        info: state of the robot.
-        index: index of the robot in the list of robots.
-
-    Returns:
-        None if the robot has no finite pose, or if its pose may mean nothing.
+    `index` is that of the robot in the list of robots.
     """
     pose = pose_data(info)
     if pose is None or pose["doubt"]:
@@ -185,11 +180,9 @@ def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
 
 
 def codes_data(view: RobotView, times: Mapping[tuple[int, ...], int]) -> list[dict[str, Any]]:
-    """Return the last status codes, the newest first, with times of this computer's clock.
+    """Return the last status codes, the newest first.
 
-    Args:
-        view: state of the robot.
-        times: times of the codes as Unix time in milliseconds, by `code_key`.
+    `times` has their Unix times by this computer's clock, in milliseconds, by `code_key`.
     """
     return [
         {"time": times[code_key(code)], **code_data(code)}

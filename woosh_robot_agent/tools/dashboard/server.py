@@ -354,7 +354,6 @@ class Dashboard:
         self._viewers.discard(viewer)
 
     async def _tell_time(self) -> None:
-        """Send the time to all viewers, periodically."""
         while True:
             for viewer in self._viewers:
                 viewer.tell_time()

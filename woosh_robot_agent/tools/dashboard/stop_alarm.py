@@ -50,7 +50,6 @@ class StopAlarm:
         self._on_answered()
 
     def _restart_standstill(self) -> None:
-        """Begin to wait for a standstill."""
         self._standing_since = asyncio.get_running_loop().time()
         self._received = self._robot.chassis.stats.rx
 

@@ -304,10 +304,7 @@ def of_busiest_connection(items: list[_Item]) -> list[_Item]:
 
 
 def _unknown_fields(body: dict[str, Any], descriptor: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Yield path and value of each field that a message type lacks.
-
-    `path` is the path of the body in its frame, with a dot at its end; empty for a whole body.
-    """
+    """Yield the path, which begins with `path`, and the value of each field that a type lacks."""
     fields = {name: each for each in descriptor.fields for name in json_names(each)}
     for key, value in body.items():
         known = fields.get(key)
@@ -405,12 +402,7 @@ class Redactor:
         return self._names.sub("<name>", text) if self._names else text
 
     def value(self, key: str, value: Any) -> Any:
-        """Return a JSON value without texts, and without numbers that could be ids.
-
-        Args:
-            key: name of the field.
-            value: the value.
-        """
+        """Return the value of a field, as JSON, without texts and numbers that could be ids."""
         if isinstance(value, list):
             return [self.value(key, each) for each in value]
         if isinstance(value, dict):

@@ -21,9 +21,6 @@ async def check_subscribers(domain: int | None = None) -> Result:
 
     Args:
         domain: ROS_DOMAIN_ID; by default from the environment.
-
-    Returns:
-        The result; `SKIPPED` without ROS or without an agent.
     """
     try:
         from woosh_robot_agent.tools.ros_node import NodeThread

@@ -173,7 +173,6 @@ def _series(values: Sequence[float], *, digits: int) -> dict[str, float] | None:
 
 
 def _unknown(path: str, unknown: Unknown, redactor: Redactor | None) -> dict[str, Any]:
-    """Return what is known of an unknown field; of an unknown type if `path` is empty."""
     key = path.rpartition(".")[2]
     values = [redactor.value(key, each) if redactor else each for each in unknown.values]
     return {"count": unknown.count, "values": values}
@@ -218,11 +217,7 @@ _QUERIES = {each.request for each in QUERIES}
 
 
 def markdown(found: Mapping[str, Any]) -> str:
-    """Return the report for people.
-
-    Args:
-        found: the results, as `results` returns them.
-    """
+    """Return the report for people on what `results` has returned."""
     robot = found["robot"]
     early = "" if found["complete"] else ", stopped early"
     lines = [
