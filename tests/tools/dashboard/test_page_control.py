@@ -425,6 +425,24 @@ async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: Simulat
 
 
 @aio
+async def test_a_press_that_lost_the_link_to_the_robot_drives_no_more(
+    chassis: SimulatorThread,
+) -> None:
+    async with controlled(chassis) as viewer, viewer.holds(0.3):
+        await eventually(lambda: is_driving(chassis))
+        chassis.stop_listening()
+        await viewer.until(lambda parts: parts["link"]["state"] == "lost")
+        await viewer.passed(0.2)
+        chassis.listen()
+        await viewer.ready()
+        await eventually(lambda: is_stopped_by_zero(chassis))
+        sent = chassis.counts[TWIST]
+        await viewer.passed(0.5)
+        assert "there is no link to the chassis" in viewer.refusals
+        assert (chassis.counts[TWIST], is_stopped_by_zero(chassis)) == (sent, True)
+
+
+@aio
 async def test_a_refused_velocity_has_the_words_of_the_robot_and_the_reason() -> None:
     with SimulatorThread(quick_config(port=0, tcp_port=0, profile="tr200")) as chassis:
         async with controlled(chassis) as viewer:

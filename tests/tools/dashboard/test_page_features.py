@@ -193,6 +193,18 @@ async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
 
 
 @aio
+async def test_a_card_that_cannot_be_made_is_logged(
+    chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> None:
+        raise RuntimeError("there is no order")
+
+    async with dashboard(chassis) as running, page(running):
+        running.robots[0].order = fail
+        await eventually(lambda: "there is no order" in caplog.text)
+
+
+@aio
 async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True, host="0.0.0.0") as running:
         port = place(running).rpartition(":")[2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from websockets.exceptions import InvalidHandshake
@@ -13,6 +14,7 @@ from websockets.frames import Frame, Opcode
 from tests.tools.dashboard.pages import dashboard, fetch, page, place
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.access import Role
 from woosh_robot_agent.tools.dashboard.server import Dashboard
 
 _CONNECTION_LOST, _POLICY_VIOLATION, _TOO_BIG, _TRY_AGAIN_LATER = 1006, 1008, 1009, 1013
@@ -114,12 +116,24 @@ async def test_other_machines_need_the_token(chassis: SimulatorThread) -> None:
         status, headers, _ = await fetch(running, f"/?token={token}", {"Host": local})
         assert status == 200
         cookie = headers["set-cookie"]
-        assert cookie.endswith("; Path=/; HttpOnly; SameSite=Strict")
+        assert {"Path=/", "HttpOnly", "SameSite=Strict"} == set(cookie.split("; ")[1:])
         sent = {"Cookie": cookie.partition(";")[0]}
         assert (await fetch(running, "/main.js", sent))[0] == 200
         assert await refused_socket(running, **sent, Origin="http://evil.example") == 403
         async with page(running, **sent) as viewer:
             await viewer.until(lambda parts: parts["hello"])
+
+
+@aio
+async def test_a_token_of_the_user_may_have_any_characters(chassis: SimulatorThread) -> None:
+    tokens = dict.fromkeys(Role, "of base64: a+b/c==; and ä")
+    async with dashboard(chassis, host="0.0.0.0", tokens=tokens) as running:
+        found = urlsplit(running.url)
+        local = {"Host": f"127.0.0.1:{found.port}"}
+        status, headers, _ = await fetch(running, f"/?{found.query}", local)
+        assert status == 200
+        sent = {**local, "Cookie": headers["set-cookie"].partition(";")[0]}
+        assert (await fetch(running, "/main.js", sent))[0] == 200
 
 
 @pytest.mark.parametrize(

@@ -107,11 +107,11 @@ class Access:
         host: the address that is listened on.
         is_encrypted: True if the page is served over HTTPS.
         control: True if the role CONTROL exists.
-        tokens: tokens of the roles.
+        tokens: token of each role, used only if other machines can connect.
 
     Attributes:
         tokens: tokens of the existing roles; empty if only this machine can connect.
-        port: port that is listened on, known once the server listens.
+        port: port that is listened on; set by the server once it listens, 0 before.
         scheme: `http` or `https`.
     """
 
@@ -149,22 +149,26 @@ class Access:
             return self._local_role
         return self._role_of(request.query.get("token", "")) or self._cookie_role(request)
 
-    def cookie(self, request: web.BaseRequest) -> dict[str, str]:
-        """Return the header that sets the cookie with the token; empty if it needs none.
+    def set_cookie(self, request: web.BaseRequest, response: web.Response) -> None:
+        """Set the cookie if the address of a request has a token.
 
-        The cookie is of the whole browser: a page to watch must not take STOP from an open page.
+        All pages in a browser share the cookie. A token for LOOK does not replace one for CONTROL,
+        because an open page would lose its STOP button.
         """
         role = self._role_of(request.query.get("token", ""))
-        if role is None or self._cookie_role(request) is Role.CONTROL:
-            return {}
-        secure = "; Secure" if self.scheme == "https" else ""
-        content = f"{self._cookie_name}={self.tokens[role]}"
-        return {"Set-Cookie": f"{content}; Path=/; HttpOnly; SameSite=Strict{secure}"}
+        if role is not None and self._cookie_role(request) is not Role.CONTROL:
+            response.set_cookie(
+                self._cookie_name,
+                self.tokens[role],
+                secure=self.scheme == "https",
+                httponly=True,
+                samesite="Strict",
+            )
 
     def _cookie_role(self, request: web.BaseRequest) -> Role | None:
         try:
             return self._role_of(request.cookies.get(self._cookie_name, ""))
-        except CookieError:  # of another server of this host
+        except CookieError:  # another server on this host has set an invalid cookie
             return None
 
     @property
@@ -191,9 +195,9 @@ def _names_this_machine(host: str) -> bool:
 _MAX_OPENING = 64
 """Maximum number of connections that have not opened a WebSocket."""
 _INPUT_RATE = 16 * 1024
-"""Rate at which a browser may send permanently, in bytes per second."""
+"""Average rate at which bytes may arrive on a connection, in bytes per second."""
 _INPUT_BURST = 64 * 1024
-"""Number of bytes that a browser may send at once."""
+"""Number of bytes that may arrive on a connection at once."""
 
 
 class LimitedConnection(asyncio.Protocol):
@@ -204,13 +208,15 @@ class LimitedConnection(asyncio.Protocol):
 
     Args:
         inner: the protocol of aiohttp.
-        opening: all connections that are not WebSockets, the oldest first.
+        opening: the connections of the server that are not WebSockets (yet), the oldest first, as
+            an ordered set. Each connection adds and removes itself.
     """
 
     def __init__(self, inner: asyncio.Protocol, opening: dict[LimitedConnection, None]) -> None:
         self._inner = inner
         self._opening = opening
         self._transport: asyncio.Transport
+        """Set by `connection_made`."""
         self._allowance = float(_INPUT_BURST)
         """Number of bytes that may still arrive; it grows with time, up to `_INPUT_BURST`."""
         self._counted_at = -math.inf

@@ -57,13 +57,13 @@ class FaultCommands:
         simulator: the chassis, in the same event loop.
 
     Attributes:
-        commands: the commands, by name.
+        commands: functions that execute the commands, by the command's name.
     """
 
     def __init__(self, simulator: SimulatedChassis) -> None:
         self._simulator = simulator
         self.commands = {"fault": self._begin, "endFault": self._end, "clearFaults": self._clear}
-        self._known = [
+        self._kinds = [
             {
                 "name": fault.name,
                 "description": value_data(fault.description),
@@ -74,7 +74,7 @@ class FaultCommands:
 
     def data(self) -> dict[str, Any]:
         """Return all kinds of faults, and the active faults."""
-        return {"known": self._known, "faults": [_entry(each) for each in self._simulator.faults]}
+        return {"known": self._kinds, "faults": [_entry(each) for each in self._simulator.faults]}
 
     def _clear(self, _args: Args) -> Outcome:
         self._simulator.clear_faults()
@@ -117,6 +117,7 @@ def _entry(injection: Injection) -> dict[str, Any]:
         "name": injection.name,
         "text": str(injection),
     }
+    # without x and y, the obstacle was put ahead of the robot, at a place that is not known here
     if injection.name == "obstacle" and injection["x"] is not None:
         entry |= {name: injection[name] for name in ("x", "y", "radius")}
     return entry

@@ -61,10 +61,11 @@ class CommandError(ValueError):
 
 
 def number(args: Args, name: str, limit: float, least: float | None = None) -> float:
-    """Return an argument that is a number.
+    """Return an argument.
 
     Raises:
-        CommandError: it is not a number from `least` (by default -`limit`) to `limit`.
+        CommandError: it is missing, or not a number from `least` to `limit`. By default, `least` is
+            -`limit`.
     """
     value, least = args.get(name), -limit if least is None else least
     valid = isinstance(value, int | float) and not isinstance(value, bool)
@@ -78,6 +79,7 @@ def _invalid(text: str) -> CommandError:
 
 
 def _whole(args: Args, name: str, limit: int) -> int:
+    """Return an argument that is a whole number from 0 to `limit`; 0 if it is missing."""
     value = args.get(name, 0)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= limit:
         raise _invalid(_NOT_WHOLE(name=name, greatest=limit))
@@ -202,8 +204,8 @@ class Command(NamedTuple):
             `CommandError` if the arguments are not valid.
         interrupts: True if the command only ends or interrupts a motion, so that it is never too
             old to be sent.
-        on_map: True if the command has a place on the map that the arguments `scene` and `map`
-            name.
+        on_map: True if the command has a place or mark on a map. The arguments `scene` and `map`
+            name this map, and the robot must use it.
     """
 
     request: Callable[[Args, RobotInfo], Message]
@@ -217,6 +219,7 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
         "goMark": Command(_go_to_mark, on_map=True),
         "charge": Command(_charge),
         "setPose": Command(_tell_pose, on_map=True),
+        # tells the robot that it is where it was when it was switched off
         "keepPose": Command(lambda *_: InitRobot(is_record=True)),
         "pause": Command(lambda *_: ActionOrder(order=action.kPause), interrupts=True),
         "continue": Command(lambda *_: ActionOrder(order=action.kContinue)),

@@ -53,7 +53,7 @@ class Outcome(NamedTuple):
 _STICK = Said(str(Text("driver.stick")), "driver.stick")
 """Name of the stick as a source of velocities."""
 STOP = "stop"
-"""Name of the command that stops the robot, which does not need the control."""
+"""Name of the command that stops the robot; a viewer needs no control to give it."""
 SPEED_LIMIT = "speedLimit"
 """Name of the command that limits the speed of the robot."""
 TOO_SLOW = Text("reason.tooSlow")
@@ -69,8 +69,7 @@ _MAX_AGE = 0.5
 """Maximum age of a command or velocity, in seconds. Each carries the newest time of the dashboard
 that the page had received when the viewer gave it."""
 _MAX_COUNT = 1e15
-"""Upper bound of the serial number of a press, and of a time in milliseconds, in a message of the
-page."""
+"""Maximum number of a press, and maximum time in milliseconds, in a message of the page."""
 _LOWEST_LIMIT = 0.05
 """Lowest speed limit that a viewer can set, in m/s."""
 _HIGHEST_LIMIT = 3.0
@@ -148,7 +147,6 @@ class Control:
             config.max_linear, config.max_angular, _STICK_RATE, config.stick_timeout
         )
         self.speed_limit: float | None = None
-        # robot.parts: the data about the robot that the page shows
         self._speed_limiter = SpeedLimiter(
             robot.chassis,
             self._gate,
@@ -183,10 +181,11 @@ class Control:
         The press has ended if `owner.ended_press` is at least as high.
         """
         self._press_mode = 0
-        """Control mode of the robot at the beginning of the press `_press`."""
+        """Control mode of the robot at the beginning of `_press`."""
         self._driven_at = -math.inf
-        """Loop time of the last velocity of the press `_press`."""
+        """Loop time of the last velocity of the last press."""
         self._stick_task: asyncio.Task[None] | None = None
+        """Task that sends the velocities; None before `start`."""
         self._explaining: asyncio.Task[None] | None = None
         """Task of `_explain`; kept, because the event loop has only a weak reference."""
         robot.parts.add("control", self._data, each_second=True)
@@ -215,13 +214,7 @@ class Control:
     ) -> Coroutine[Any, Any, Outcome]:
         """Give the control to a viewer, and return the execution of its command.
 
-        A stop needs no control.
-
-        Args:
-            viewer: the viewer.
-            name: name of the command.
-            args: arguments of the command.
-            clock: newest time that the page knew, in milliseconds.
+        A stop needs no control. `clock` is the newest time that the page had received, in ms.
 
         Raises:
             CommandError: the command is refused.
@@ -254,6 +247,8 @@ class Control:
     def drive(self, viewer: Viewer, message: Args) -> None:
         """Process a velocity of a viewer's stick.
 
+        The message has `linear` in m/s, `angular` in rad/s, `clock` as for a command, and `press`.
+
         Raises:
             CommandError: a value is not a valid number.
         """
@@ -261,7 +256,7 @@ class Control:
         angular = number(message, "angular", _MAX_INPUT)
         clock = number(message, "clock", _MAX_COUNT)
         press = int(number(message, "press", _MAX_COUNT))
-        if not (linear or angular):  # let go, or at rest in the middle
+        if not (linear or angular):  # the viewer has let go, or holds the stick in its middle
             if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
                 if press == self._press and self._gap <= self._config.stick_timeout:
@@ -300,7 +295,7 @@ class Control:
             self._end_control()
 
     def _claim(self, viewer: Viewer) -> Text | None:
-        """Give the control to a viewer; return the reason if that is not possible."""
+        """Give the control to a viewer, or extend its time; return the reason if that cannot be."""
         self._release_idle()
         if self.owner not in (None, viewer):
             return Text("reason.controlled", name=self.owner.name)
@@ -313,11 +308,7 @@ class Control:
         return None
 
     def _outdated(self, clock: float) -> Text | None:
-        """Return the reason why a command or velocity is too old to be sent; None if it is not.
-
-        Args:
-            clock: newest time that the page knew, in milliseconds.
-        """
+        """Return the reason if a command or velocity is too old to be sent (rule 5), or None."""
         known = clock / 1000.0
         if not 0.0 <= asyncio.get_running_loop().time() - known <= _MAX_AGE:
             return TOO_SLOW
@@ -326,7 +317,7 @@ class Control:
         return None
 
     def _other_map(self, args: Args) -> Text | None:
-        """Return the reason if a place is on another map than the robot; None if it is not."""
+        """Return the reason if the place of a command is not on the map that the robot uses."""
         used = self._robot.view.info.scene
         if (args.get("scene"), args.get("map")) == (used.scene_name, used.map_name):
             return None
@@ -334,11 +325,11 @@ class Control:
 
     @property
     def _gap(self) -> float:
-        """Time since the last velocity of the press that drives, in seconds."""
+        """Time since the last velocity of the last press, in seconds."""
         return asyncio.get_running_loop().time() - self._driven_at
 
     def _admit_press(self, viewer: Viewer, press: int, clock: float) -> Text | None:
-        """Claim the control for a press of the stick; return the reason why it may not drive."""
+        """Claim the control for a press; return the reason why it may not drive, or None."""
         if reason := self._outdated(clock) or self._robot.no_data or self._claim(viewer):
             return reason
         if press == self._press:  # the press that drives already
@@ -378,7 +369,7 @@ class Control:
         return Outcome(False, Text("reply.refused", command=_name(name), text=text))
 
     async def _explained(self, request_type: str, text: str) -> str:
-        """Return the text of a refusal that just came, with its reasons."""
+        """Return the text of a refusal that just came, with its reasons if they are known."""
         reasons = await self._explainer.reasons(request_type)
         if not reasons:
             return text
@@ -392,6 +383,7 @@ class Control:
         return Outcome(True, Text("reply.accepted", command=_name(SPEED_LIMIT)))
 
     def _stick_limits(self) -> VelocityLimits:
+        """Return the limits of the stick, which obeys the speed limit of the viewers, too."""
         linear = min(self._limits.max_linear, self.speed_limit or math.inf)
         return replace(self._limits, max_linear=linear)
 
@@ -400,10 +392,11 @@ class Control:
         self._end_press(Text("reply.stopping"))
 
     def _answered(self, command: AnsweredCommand) -> None:
+        """End the press if the robot has refused its velocity."""
         viewer, answer = self.owner, command.answer
         refused = command.source == _STICK and not answer.ok
         if refused and viewer is not None and viewer.ended_press < self._press:
-            viewer.ended_press = self._press  # drives no more while the reason is sought
+            viewer.ended_press = self._press  # at once: finding the reason takes time
             explain = self._explain(viewer, self._press, answer.msg or _VELOCITY_REFUSED())
             self._explaining = asyncio.get_running_loop().create_task(explain, name="refusal")
 
@@ -416,7 +409,7 @@ class Control:
         self._end_press(Text("reason.said", text=reason))
 
     def _end_press(self, reason: Text) -> None:
-        """End the press that drives."""
+        """End the owner's last press, and tell its page why."""
         if self.owner is not None:
             self.owner.end_press(self._press, reason)
 
@@ -440,6 +433,7 @@ def _name(command: str) -> Text:
 
 
 def _speed_limit(args: Args) -> float | None:
+    """Return the limit in the arguments, in m/s; None to remove the limit."""
     if args.get("limit") is None:
         return None
     return number(args, "limit", _HIGHEST_LIMIT, _LOWEST_LIMIT)
@@ -458,5 +452,5 @@ class _Stick(VelocityDriver):
         super().__init__(gate, robot.chassis, _STICK, limits, log_refusals=False)
         self._on_refused = on_refused
 
-    def refuse(self, kind: str, reason: str) -> None:
+    def log_refusal(self, kind: str, reason: str) -> None:
         self._on_refused(reason)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +38,8 @@ class MapPicture:
         png: the picture.
         keepout_png: picture of the same size in which keep-out areas are dark; empty without them.
         problem: why the keep-out areas cannot be shown; empty without a problem.
-        data: resolution, origin, marks and zones, for the page.
+        data: everything else for the page, e.g. resolution, origin, marks and zones. A map that the
+            robot is making has no names, marks and zones.
     """
 
     png: bytes
@@ -47,7 +48,7 @@ class MapPicture:
     data: dict[str, Any]
 
     def shows(self, scene: Scene) -> bool:
-        """Return True if this is the map that a robot uses."""
+        """Return True if this is the map that a robot uses; False for a map that is being made."""
         names = self.data.get("scene"), self.data.get("name")
         return names == (scene.scene_name, scene.map_name)
 
@@ -62,9 +63,10 @@ class MapSource:
         on_change: called when the picture, the error or the list of scenes has changed.
 
     Attributes:
-        picture: the picture; None if there is no map.
-        number: number of the picture, which changes with each picture.
-        error: reason why there is no picture; empty if there is one.
+        picture: the last map that was received; None before the first. The robot may have changed
+            to another map since.
+        number: number of pictures so far, which identifies the picture.
+        error: why the last request of a map failed; empty if it did not.
     """
 
     def __init__(self, chassis: ChassisClient, on_change: Callable[[], None]) -> None:
@@ -74,7 +76,7 @@ class MapSource:
         self.number = 0
         self.error = ""
         self._shown: object = None
-        """Scene, id, name and version of the shown map; None without it, or if it is being made."""
+        """Scene, id, name and version of `picture`; None without one, or if it is being made."""
         self._picture_task: asyncio.Task[None] | None = None
         """Request of a map, or conversion of the picture of a map that the robot is making."""
         self._not_before = -math.inf
@@ -87,12 +89,11 @@ class MapSource:
         """Loop time from which the list of scenes is requested again."""
 
     def data(self, scene: Scene, mapping: bool) -> dict[str, Any]:
-        """Return the data of the part `map` of the page, without a picture that is of another map.
+        """Return the data of the part `map` of the page.
 
-        Args:
-            scene: scene and map that the robot uses.
-            mapping: True while the robot is making a map.
+        The robot uses the map of `scene`, or is making a map if `mapping` is true.
         """
+        # a picture of another map is not shown
         if self.picture is None or not (mapping or self.picture.shows(scene)):
             return {"number": self.number, "error": value_data(self.error)}
         error = self.error or self.picture.problem
@@ -111,11 +112,10 @@ class MapSource:
         self._end_subscription()
 
     def update(self, scene: Scene, mapping: bool) -> None:
-        """Request the robot's map, unless it is shown; subscribe to a map that the robot is making.
+        """Request the map and the list of scenes if they are due.
 
-        Args:
-            scene: scene and map that the robot uses.
-            mapping: True while the robot is making a map.
+        While the robot is making a map, subscribe to that map instead. The arguments are those of
+        `data`.
         """
         if self._chassis.state is not LinkState.READY:
             return
@@ -128,8 +128,9 @@ class MapSource:
         self._end_subscription()
         wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
         loop = asyncio.get_running_loop()
-        busy = self._picture_task is not None and not self._picture_task.done()
-        if not scene.scene_name or wanted == self._shown or busy or loop.time() < self._not_before:
+        is_needed = bool(scene.scene_name) and wanted != self._shown
+        is_busy = self._picture_task is not None and not self._picture_task.done()
+        if not is_needed or is_busy or loop.time() < self._not_before:
             return
         self._not_before = loop.time() + _RETRY_DELAY
         self._start(self._request(wanted))
@@ -176,7 +177,7 @@ class MapSource:
         self._not_before = self._list_at = -math.inf
 
     def _map_grown(self, body: Body) -> None:
-        if self._picture_task is None or self._picture_task.done():  # skips reports meanwhile
+        if self._picture_task is None or self._picture_task.done():  # else the report is skipped
             self._start(self._show_grown_map(body))
 
     async def _show_grown_map(self, body: Body) -> None:
@@ -192,7 +193,7 @@ class MapSource:
             self._unsubscribe()
             self._unsubscribe = None
 
-    def _start(self, work: Any) -> None:
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
         self._picture_task = asyncio.get_running_loop().create_task(work, name="map picture")
 
     def _set(self, picture: MapPicture) -> None:
@@ -209,7 +210,7 @@ async def _picture(
     origin: tuple[float, float, float],
     content: dict[str, Any],
 ) -> MapPicture:
-    """Return the picture of a map, with what the page shows on it.
+    """Return a map from the images of a robot; `content` is further data of it for the page.
 
     Raises:
         MapError: the map has no valid resolution, origin or image.

@@ -33,7 +33,6 @@ from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.readiness import (
-    Objection,
     accepts_task,
     all_objections,
     is_charging,
@@ -46,9 +45,9 @@ from woosh_robot_agent.tools.dashboard.texts import value_data
 from woosh_robot_agent.tools.robot_view import RobotView, code_key
 
 _MAX_CODES = 50
-"""Maximum number of status codes on the page."""
+"""Maximum number of status codes in a list of the page."""
 _MAX_POINTS = 2000
-"""Maximum number of points of a path on the page."""
+"""Maximum number of points of a path, zone or lane on the page."""
 _MAX_MARKS = 2000
 """Maximum number of marks on the page."""
 _MAX_ZONES = 500
@@ -62,7 +61,10 @@ _MAX_NAME = 60
 
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
-    """Return pose and speed; None if the robot has not reported a finite pose."""
+    """Return pose and speed, in m, rad, m/s and rad/s; None without a finite pose.
+
+    `doubt` says why the pose may mean nothing; it is None without a doubt.
+    """
     if not info.pose_speed.HasField("pose"):
         return None
     pose, twist = info.pose_speed.pose, info.pose_speed.twist
@@ -75,12 +77,12 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
         "theta": round(pose.theta, 4),
         "linear": _rounded_or_zero(twist.linear),
         "angular": _rounded_or_zero(twist.angular),
-        "doubt": None if doubt is None else _objection(doubt),
+        "doubt": None if doubt is None else doubt._asdict(),
     }
 
 
 def robot_data(view: RobotView) -> dict[str, Any]:
-    """Return the state of a robot, except pose and status codes."""
+    """Return the state of a robot, except its pose and its earlier status codes."""
     info = view.info
     return {
         "known": view.has_robot_info,
@@ -94,7 +96,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
         "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
         "taskable": accepts_task(info),
-        "objections": [_objection(each) for each in all_objections(info)],
+        "objections": [each._asdict() for each in all_objections(info)],
         "battery": _battery(info),
         "task": _task(view),
         "actions": [_action(view, name) for name in sorted(view.actions)],
@@ -105,7 +107,10 @@ def robot_data(view: RobotView) -> dict[str, Any]:
 
 
 def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
-    """Return values for technicians: software, network, hardware that is not normal, link."""
+    """Return values for technicians: software, network, hardware that is not normal, link.
+
+    `mileage` is in metres. `clockOffset` is in seconds; it is None if unknown.
+    """
     info, stats = view.info, chassis.stats
     return {
         "address": chassis.config.address,
@@ -127,10 +132,7 @@ def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
 def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str, Any]:
     """Return the data of a robot's card in the overview of all robots.
 
-    Args:
-        view: state of the robot.
-        chassis: link of the robot.
-        silence: whole seconds for which the robot has sent nothing.
+    `silence` is the time for which the robot has been connected but has sent nothing, in seconds.
     """
     info = view.info
     worst = max((code.level for code in info.abnormal_codes.scs), default=StatusCode.kNormal)
@@ -144,7 +146,7 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "id": info.robot_id or info.genral.serial_number,
         "name": info.setting.identity.name,
         "state": enum_name(robot.State, info.state),
-        "objection": None if objection is None else _objection(objection),
+        "objection": None if objection is None else objection._asdict(),
         "moves": bool(_rounded_or_zero(twist.linear) or _rounded_or_zero(twist.angular)),
         "problems": len(info.abnormal_codes.scs),
         "level": enum_name(StatusCode.Level, worst),
@@ -160,7 +162,10 @@ def link_state(chassis: ChassisClient) -> str:
 
 
 def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
-    """Return map and pose of a robot, for the pages of other robots; None if it is not known."""
+    """Return map and pose of a robot, for the pages of other robots; None without a sure pose.
+
+    `index` is that of the robot in the list of robots.
+    """
     pose = pose_data(info)
     if pose is None or pose["doubt"]:
         return None
@@ -175,11 +180,9 @@ def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
 
 
 def codes_data(view: RobotView, times: Mapping[tuple[int, ...], int]) -> list[dict[str, Any]]:
-    """Return the last status codes, the newest first, with times of this computer's clock.
+    """Return the last status codes, the newest first.
 
-    Args:
-        view: state of the robot.
-        times: times of the codes as Unix time in milliseconds, by `code_key`.
+    `times` has their Unix times by this computer's clock, in milliseconds, by `code_key`.
     """
     return [
         {"time": times[code_key(code)], **code_data(code)}
@@ -188,7 +191,7 @@ def codes_data(view: RobotView, times: Mapping[tuple[int, ...], int]) -> list[di
 
 
 def code_data(code: StatusCode) -> dict[str, Any]:
-    """Return number, level, text and meaning of a status code."""
+    """Return number, level, text and meaning of a status code; the meaning is empty if unknown."""
     return {
         "code": str(code.code),
         "level": enum_name(StatusCode.Level, code.level),
@@ -203,7 +206,7 @@ def outline_data(info: RobotInfo) -> list[list[float]]:
 
 
 def path_data(view: RobotView) -> list[list[float]]:
-    """Return the points of the path that the robot follows, in metres."""
+    """Return the points of the path that the robot follows, in metres; empty without one."""
     nav_path = view.values.value(NavPath)
     return points_data(nav_path.path.poses if nav_path is not None and may_navigate(view) else [])
 
@@ -221,7 +224,10 @@ def task_state(report: TaskProc) -> str:
 
 
 def points_data(points: Any, max_points: int = _MAX_POINTS) -> list[list[float]]:
-    """Return points for the page, in metres: every nth point if there are too many."""
+    """Return the finite ones of some points, as x and y in metres.
+
+    If there are more than `max_points`, only every second, third etc. point is returned.
+    """
     step = math.ceil(len(points) / max_points) or 1
     return [
         [round(each.x, 3), round(each.y, 3)]
@@ -255,7 +261,7 @@ def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
     found = [
         (field.name, each)
         for field, fields in area.field_info.ListFields()
-        if field.name != "guide_markers"
+        if field.name != "guide_markers"  # all other fields are lists of zones
         for each in fields
     ][:_MAX_ZONES]
     for kind, each in found:
@@ -267,14 +273,14 @@ def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
 
 
 def lanes_data(area: SceneData.Map) -> list[list[list[float]]]:
-    """Return the paths on which robots should drive, as points in metres."""
+    """Return the lanes of a map, on which robots should drive: the points of each, in metres."""
     paths: list[Any] = [*area.path_info.mono_paths, *area.path_info.bidirect_paths][:_MAX_ZONES]
     lanes = (points_data(each.path, _points_each(paths)) for each in paths)
     return [each for each in lanes if len(each) > 1]
 
 
 def _points_each(found: list[Any]) -> int:
-    """Return how many points each of these zones or lanes may have on the page."""
+    """Return how many points the page may show of each of these zones or lanes."""
     return min(_MAX_POINTS, _MAX_ZONE_POINTS // len(found))
 
 
@@ -296,10 +302,6 @@ def task_types_data(scene: SceneData) -> list[dict[str, Any]]:
         {"type": kind, "number": number, "name": name}
         for (kind, number), name in list(found.items())[:_MAX_TYPES]
     ]
-
-
-def _objection(objection: Objection) -> dict[str, str]:
-    return {"name": objection.name, "reason": objection.reason, "remedy": objection.remedy}
 
 
 def _battery(info: RobotInfo) -> dict[str, Any] | None:
@@ -379,17 +381,17 @@ first angle and the angle between two rays; in metres and radians. The ranges ar
 as 16-bit integers; 0 means no reflection.
 """
 _MAX_RAYS = 10_000
-"""Maximum number of rays that are sent."""
+"""Maximum number of ranges of a scan that are sent."""
 _MAX_RANGE = 65.535
 """Greatest range that can be expressed, in metres."""
 
 
 def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | None:
-    """Return the message for a scan; None if the scan has no valid angles or pose.
+    """Return the message for a scan; None if a value of its header is not finite.
 
     Args:
         scan: the scan.
-        pose: pose of the robot, used if the scan has none.
+        pose: x, y and theta of the robot, in metres and radians; used if the scan has no pose.
     """
     if scan.HasField("pose"):
         pose = scan.pose.x, scan.pose.y, scan.pose.theta

@@ -28,12 +28,15 @@ class Parts:
         self._data: dict[str, Any] = {}
         """Data of the last message of each part, by name."""
         self._on_change: list[str] = []
+        """Names of the parts that were added with `on_change`."""
         self._each_second: list[str] = []
+        """Names of the parts that were added with `each_second`."""
         self._viewers: dict[object, Callable[[Set[str]], None]] = {}
         """Callbacks of the viewers."""
         self._changed = asyncio.Event()
+        """Set by `changed`, until the parts are published."""
         self._watched = asyncio.Event()
-        """Set while somebody watches."""
+        """Set while there are viewers."""
 
     def add(
         self,
@@ -63,17 +66,17 @@ class Parts:
         self._changed.set()
 
     def put(self, name: str, message: bytes) -> None:
-        """Set the message of a binary part, and send it to the viewers if it has changed."""
+        """Set the message of a binary part, and tell the viewers if it has changed."""
         if self.messages.get(name) != message:
             self.messages[name] = message
             self._tell({name})
 
     def publish(self, *names: str) -> None:
-        """Rebuild the messages of parts, and tell the viewers which parts have changed."""
+        """Rebuild the messages of parts, and tell the viewers which of them have changed."""
         changed = set()
         for name in names:
             data = self._sources[name]()
-            # Encoding a large map takes long, comparing does not: its data are the same object.
+            # Encoding a large map takes long, comparing does not: its lists are the same objects.
             if name not in self.messages or self._data[name] != data:
                 content = {"part": name, "data": data}
                 self.messages[name] = json.dumps(content, separators=(",", ":"))
@@ -82,7 +85,7 @@ class Parts:
         self._tell(changed)
 
     async def publish_changes(self, period: float) -> None:
-        """Publish the parts with `on_change` after calls of `changed`, while somebody watches.
+        """Publish the parts with `on_change` after calls of `changed`, while there are viewers.
 
         Args:
             period: minimum time between two publications, in seconds.
@@ -95,16 +98,17 @@ class Parts:
             await asyncio.sleep(period)
 
     async def publish_each_second(self) -> None:
-        """Publish the parts with `each_second`, while somebody watches."""
+        """Publish the parts with `each_second`, while there are viewers."""
         while True:
             await self._watched.wait()
             self.publish(*self._each_second)
             await asyncio.sleep(1.0)
 
     def watch(self, viewer: object, callback: Callable[[Set[str]], None]) -> None:
-        """Call `callback` with the names of parts that have changed.
+        """Call `callback` with the names of parts that have changed, until `unwatch(viewer)`.
 
-        It is called at once with all parts, except the scan, which is sent when the next one comes.
+        The first call comes at once, with all parts that have a message. The scan is not among
+        them, because the last scan may be old.
         """
         self._viewers[viewer] = callback
         self._watched.set()
@@ -112,18 +116,18 @@ class Parts:
         callback(self.messages.keys() - {SCAN})
 
     def unwatch(self, viewer: object) -> None:
-        """End what `watch` began; idempotent."""
+        """Call the callback of a viewer no more; idempotent."""
         self._viewers.pop(viewer, None)
         if not self._viewers:
             self._watched.clear()
 
     @property
     def watched(self) -> bool:
-        """True while somebody watches."""
+        """True while there are viewers."""
         return self._watched.is_set()
 
     async def wait_watched(self) -> None:
-        """Wait until somebody watches."""
+        """Wait until there is a viewer."""
         await self._watched.wait()
 
     def _tell(self, names: Set[str]) -> None:

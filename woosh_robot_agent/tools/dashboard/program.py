@@ -22,7 +22,13 @@ from woosh_robot_agent.tools.dashboard.access import (
 )
 from woosh_robot_agent.tools.dashboard.control import ControlConfig
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
-from woosh_robot_agent.tools.options import add_link_options, is_local, link_config, stop_event
+from woosh_robot_agent.tools.options import (
+    add_link_options,
+    is_local,
+    link_config,
+    stop_event,
+    tool_parser,
+)
 
 _EPILOG = """\
 Without --control, nothing is sent that changes or moves something: the page only
@@ -68,12 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     default = DashboardConfig()
-    parser = argparse.ArgumentParser(
-        prog="dashboard",
-        description="Show robots on a page in the browser.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = tool_parser("dashboard", "Show robots on a page in the browser.", _EPILOG)
     add_link_options(parser, several=True)
     parser.add_argument(
         "--host",

@@ -68,7 +68,7 @@ _UNREACHABLE = Sentence(
     "plan.unreachable", "the place may be in or near a wall, outside of the map, or cut off"
 )
 READ_ONLY = Text("reason.readOnly")
-"""Reason for which all commands are refused without control."""
+"""Reason for which each command is refused if the dashboard runs without control."""
 
 
 class Robot:
@@ -91,9 +91,9 @@ class Robot:
         map: the map of the robot.
         parts: the parts about this robot, which its viewers watch.
         silence: time for which the robot has been connected but has sent nothing, in whole seconds;
-            measured only while somebody watches any robot.
-        order: function that returns the order of a fleet manager to the robot; None without one.
-            The owner of the dashboard replaces it.
+            0 while nobody watches any robot.
+        order: returns the order that a fleet manager has given the robot; None without one. The
+            program that runs the dashboard may replace it.
     """
 
     def __init__(
@@ -126,13 +126,13 @@ class Robot:
         self._fastest = 0.0
         """Greatest speed since the last sample, in m/s."""
         self._path_origin: tuple[Any, ...] = ()
-        """Link and map on which the last path was received, as in `_origin`."""
+        """Value of `_origin` when the last path was received; empty before."""
         for name, source in (
             ("pose", lambda: part_data.pose_data(self.view.info)),
             ("robot", lambda: part_data.robot_data(self.view)),
             ("outline", lambda: part_data.outline_data(self.view.info)),
             ("path", self._path_data),
-            ("codes", self._codes_data),
+            ("codes", lambda: part_data.codes_data(self.view, self._code_times)),
             ("map", lambda: self.map.data(*self._map_use)),
             ("scenes", self.map.scenes_data),
         ):
@@ -172,7 +172,7 @@ class Robot:
 
     @property
     def _origin(self) -> tuple[Any, ...]:
-        """Number of the link, scene, map. A path that came with other ones is no longer valid."""
+        """Number of connections so far, scene and map; a path is valid while they stay the same."""
         scene = self.view.info.scene
         return self.chassis.stats.connects, scene.scene_name, scene.map_name
 
@@ -188,7 +188,7 @@ class Robot:
             The points of the path and its length, in metres.
 
         Raises:
-            CommandError: the arguments are no pose, or there is no path.
+            CommandError: the arguments are no pose, or the robot does not answer with a path.
             LinkError: as in `ChassisClient.request`.
         """
         request = PlanNavPath()
@@ -221,8 +221,8 @@ class Robot:
         self._shared.changed()
 
     def _note_code_times(self) -> None:
-        """Note when the codes that have just arrived were reported; the robot's clock may jump."""
-        ahead = 1000.0 * (self.chassis.stats.clock_offset or 0.0)
+        """Note the time of each new code, once: the robot's clock may jump later."""
+        ahead = 1000.0 * (self.chassis.stats.clock_offset or 0.0)  # ms
         times = {code_key(code): int(code.time - ahead) for code in self.view.codes}
         known = self._code_times
         self._code_times = {key: known.get(key, time) for key, time in times.items()}
@@ -269,14 +269,15 @@ class Robot:
         return [moment, speed, battery, delay, charging]
 
     async def _update_map_and_path(self) -> None:
+        """Keep the map up to date, and request a path that the robot has pushed before."""
         asking: asyncio.Task[None] | None = None
         while True:
-            # a robot whose link is lost later is shown with its map
+            # of each robot, also if nobody watches it: its link may be lost when somebody does
             await self._shared.wait_watched()
             self.map.update(*self._map_use)
             # robots push the path only when it changes, which may have been before the connection
-            unknown = part_data.may_navigate(self.view) and self._path_origin != self._origin
-            if self.parts.watched and unknown and (asking is None or asking.done()):
+            lacks_path = part_data.may_navigate(self.view) and self._path_origin != self._origin
+            if self.parts.watched and lacks_path and (asking is None or asking.done()):
                 asking = asyncio.create_task(self._ask(NavPath), name="path")
             await asyncio.sleep(_MAP_PERIOD)
 
@@ -297,7 +298,7 @@ class Robot:
     async def _measure_silence(self) -> None:
         """Measure the silence of the robot, and update the viewers after each second of silence."""
         loop = asyncio.get_running_loop()
-        received, heard_at = 0, loop.time()
+        received, heard_at = 0, loop.time()  # number of frames, and time of the last one
         asking: asyncio.Task[None] | None = None
         while True:
             if not self._shared.watched:
@@ -326,7 +327,7 @@ class Robot:
             self._received(value)
 
     async def _request(self, cls: type[M]) -> M | None:
-        """Request a value; return None without an answer: the page shows the state of the link."""
+        """Request a value; return None without a usable answer. The page shows a lost link."""
         if self.chassis.state is not LinkState.READY:
             return None
         try:
@@ -338,23 +339,18 @@ class Robot:
     def _path_data(self) -> list[list[float]]:
         return part_data.path_data(self.view) if self._path_origin == self._origin else []
 
-    def _codes_data(self) -> list[dict[str, Any]]:
-        return part_data.codes_data(self.view, self._code_times)
-
     def _link_data(self) -> dict[str, Any]:
         chassis = self.chassis
         ready, error = chassis.state is LinkState.READY, chassis.last_error
         round_trip = chassis.stats.round_trip
         # the text of an `OtherRobotError` has the remedy
-        advice = (
-            "" if ready or isinstance(error, OtherRobotError) else link_arguments(chassis.config)
-        )
+        needs_advice = not ready and not isinstance(error, OtherRobotError)
         return {
             "good": ready and not self.silence,
             "state": part_data.link_state(chassis),
             "since": int(chassis.since * 1000),
             "silence": self.silence if ready else 0,
             "error": "" if ready or error is None else value_data(said_by(error)),
-            "advice": advice,
+            "advice": link_arguments(chassis.config) if needs_advice else "",
             "delay": None if round_trip is None else round(round_trip * 1000.0),
         }

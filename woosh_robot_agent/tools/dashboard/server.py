@@ -13,6 +13,7 @@ from collections.abc import Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Any
+from urllib.parse import quote
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
@@ -70,7 +71,7 @@ class DashboardConfig:
         port: port to listen on; 0 takes a free port.
         tls: certificate for HTTPS; None for HTTP.
         control: True if viewers may command the robots.
-        tokens: tokens of the roles, used if other machines can connect.
+        tokens: token of each role, used only if other machines can connect.
         control_config: limits and timeouts of the control.
         scan_rate: rate at which laser scans are requested while somebody watches, in Hz.
         max_viewers: maximum number of viewers, in addition to one for each robot.
@@ -132,7 +133,7 @@ class Dashboard:
         self._process = uuid.uuid4().hex
         """Tells the page whether it is connected to another process than before."""
         self._opening: dict[LimitedConnection, None] = {}
-        """Connections that are not WebSockets (yet), the oldest first."""
+        """Connections that are not WebSockets (yet), as in `LimitedConnection`."""
         self._http: web.Server | None = None
         self._server: asyncio.Server | None = None
         self._tasks: list[asyncio.Task[None]] = []
@@ -175,7 +176,9 @@ class Dashboard:
             self._shared.publish_changes(_PLACES_PERIOD),
             self._shared.publish_each_second(),
         ):
-            self._tasks.append(loop.create_task(work, name="dashboard"))
+            task = loop.create_task(work, name="dashboard")
+            task.add_done_callback(_log_failure)
+            self._tasks.append(task)
 
     async def close(self) -> None:
         """Stop each robot that a stick drives, stop listening, and close the links."""
@@ -211,7 +214,7 @@ class Dashboard:
         tokens = self._access.tokens
         if not tokens:
             return dict.fromkeys(Role, page)
-        return {role: f"{page}?token={token}" for role, token in tokens.items()}
+        return {role: f"{page}?token={quote(token, safe='')}" for role, token in tokens.items()}
 
     # Parts of all robots
 
@@ -236,6 +239,7 @@ class Dashboard:
     # HTTP
 
     async def _respond(self, request: web.BaseRequest) -> web.StreamResponse:
+        """Answer a request; log an unexpected error, because the logger of aiohttp is off."""
         try:
             return await self._answer(request)
         except (web.HTTPException, ConnectionError):  # a bad handshake, or the browser has gone
@@ -257,8 +261,10 @@ class Dashboard:
         if found is None:
             return _error(request, HTTPStatus.NOT_FOUND, _NO_PAGE())
         content, content_type = found
-        headers = {**SECURITY_HEADERS, "Content-Type": content_type, **access.cookie(request)}
-        return web.Response(body=content, headers=headers)
+        headers = {**SECURITY_HEADERS, "Content-Type": content_type}
+        response = web.Response(body=content, headers=headers)
+        access.set_cookie(request, response)
+        return response
 
     def _map_picture(self, path: str) -> tuple[bytes, str] | None:
         """Return a picture of the map of a robot.
@@ -309,8 +315,9 @@ class Dashboard:
         try:
             async for message in socket:
                 viewer.heard_at = asyncio.get_running_loop().time()
-                # the page sends only text: "" raises a ValueError, which disconnects the viewer
-                self._handle(viewer, _parse(message.data if message.type is WSMsgType.TEXT else ""))
+                if message.type is not WSMsgType.TEXT:
+                    raise ValueError("not a message of the page")
+                self._handle(viewer, _parse(message.data))
             # aiohttp closes the WebSocket when this returns, without the reason of `dismiss`
             await viewer.wait_dismissed()
         except ValueError as error:
@@ -322,12 +329,12 @@ class Dashboard:
         return socket
 
     def _make_room(self) -> bool:
-        """Disconnect a viewer without control if there are too many.
+        """Disconnect a viewer without control if there are too many: if possible, a hidden one.
 
         A new viewer is let in, because it may have to stop a robot.
 
         Returns:
-            False if there is no room, because all viewers have control.
+            False if there is no room, because each viewer has the control of a robot.
         """
         if len(self._viewers) < self._max_viewers:
             return True
@@ -341,6 +348,7 @@ class Dashboard:
         return True
 
     def _leave(self, viewer: Viewer) -> None:
+        """Forget a viewer, and take the control from it; idempotent."""
         self._release(viewer)
         viewer.unwatch()
         self._viewers.discard(viewer)
@@ -423,13 +431,13 @@ class Dashboard:
     def _execution(
         self, viewer: Viewer, name: str, args: Args, clock: int
     ) -> Coroutine[Any, Any, Outcome]:
-        """Return the execution of a command.
+        """Return the execution of a command for the robot that the viewer watches.
 
         Raises:
             CommandError: the command is refused.
         """
         robot = viewer.robot
-        assert robot is not None  # a viewer watches a robot from its connection on
+        assert robot is not None  # `_serve` has called `_watch`
         if name == "history":
             return self._history(robot)
         if not viewer.may_control:
@@ -453,8 +461,14 @@ class Dashboard:
 
     async def _run_more(self, name: str, args: Args) -> Outcome:
         outcome = self._more_commands[name](args)
-        self.robots[0].parts.changed()  # only a simulation has such commands, and only one robot
+        # only the dashboard of a simulator has such commands, and it shows only one robot
+        self.robots[0].parts.changed()
         return outcome
+
+
+def _log_failure(task: asyncio.Task[None]) -> None:
+    if not task.cancelled() and (error := task.exception()):
+        _LOG.error("a part of the page is no longer updated", exc_info=error)
 
 
 def _reachable(host: str) -> str:
@@ -468,8 +482,8 @@ def _reachable(host: str) -> str:
     family = socket.AF_INET if host == "0.0.0.0" else socket.AF_INET6
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((elsewhere[host], 9))  # sends nothing
-        except OSError:  # there is no such network
+            probe.connect((elsewhere[host], 9))  # sends nothing; chooses the network
+        except OSError:  # this machine has no network of this family
             return socket.gethostname()
         return str(probe.getsockname()[0])
 
@@ -478,7 +492,7 @@ def _parse(text: str) -> Any:
     """Parse a message of the page.
 
     Raises:
-        ValueError: the text is not JSON.
+        ValueError: the text is not JSON, or is nested too deeply.
     """
     try:
         return json.loads(text)

@@ -29,9 +29,9 @@ class StopAlarm:
         self._on_answered = on_answered
         self._reason = ""
         self._standing_since = -math.inf
-        """Loop time since which the robot is seen to stand still."""
+        """Loop time of the last moment at which the robot was not seen to stand still."""
         self._received = 0
-        """Frames received at `_standing_since`; only a later frame shows the standstill."""
+        """Number of frames received by then; only a later frame can show a standstill."""
         robot.chassis.subscribe(PoseSpeed, lambda report: self._check_standstill())
 
     @property
@@ -59,8 +59,8 @@ class StopAlarm:
             return
         chassis, now = self._robot.chassis, asyncio.get_running_loop().time()
         pose = part_data.pose_data(self._robot.view.info)
-        moves = pose is None or pose["linear"] or pose["angular"]
-        if moves or self._robot.no_data or chassis.state is not LinkState.READY:
+        may_move = pose is None or pose["linear"] or pose["angular"]
+        if may_move or self._robot.no_data or chassis.state is not LinkState.READY:
             self._restart_standstill()
         elif now - self._standing_since > _STANDSTILL and chassis.stats.rx > self._received:
             self._reason = ""

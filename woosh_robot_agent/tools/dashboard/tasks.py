@@ -33,14 +33,16 @@ class _Task:
         command: name and arguments of the page's command that gave the task; empty for other tasks.
         by: source of the task: the viewer's name, or a name as in `Driver`; empty if unknown.
         known: True if the robot has accepted or reported the task.
-        report: last report about the task; without a state before the first report, and, if
-            `changed` is set, when the end of the task was not seen.
+        report: last report about the task. Its state is `kStateUndefined` before the first report,
+            and also if the task has ended without a report of its end; then `changed` is set.
         place: destination, in metres; None if unknown, e.g. if the robot reported only the number
             of a mark.
-        scene: scene that the robot used when the task was given or first seen; empty if unknown.
-        map: map that the robot used then.
+        scene: scene that the robot used when the task was given or first seen; empty if the task
+            was first seen after its end.
+        map: map that the robot used then; empty in the same case.
         begun: Unix time at which the task was given or first seen, in milliseconds; 0 if unknown.
-        changed: Unix time at which the task got its present state, in milliseconds.
+        changed: Unix time at which the task got its present state, or at which its unreported end
+            was noticed, in milliseconds; 0 before.
     """
 
     command: Mapping[str, Any] = field(default_factory=dict)
@@ -81,14 +83,7 @@ class TaskLog:
         robot.parts.add("tasks", self._data)
 
     def given(self, task_id: int, by: str, command: str, args: Mapping[str, Any]) -> None:
-        """Note a task that is being sent to the robot.
-
-        Args:
-            task_id: id of the task.
-            by: name of the viewer.
-            command: name of the command.
-            args: arguments of the command.
-        """
+        """Note a task that is being sent to the robot by a command of the viewer `by`."""
         given = _Task({"name": command, "args": dict(args)}, by, begun=part_data.now())
         if command == "go":
             given.place = args["x"], args["y"]
@@ -97,8 +92,10 @@ class TaskLog:
 
     def running(self) -> dict[str, Any] | None:
         """Return the running task as in the part `tasks`; None without one."""
-        running = (each for each in self._tasks.items() if each[1].known and each[1].runs)
-        return next((self._entry(*each) for each in running), None)
+        for task_id, each in self._tasks.items():
+            if each.known and each.runs:
+                return self._entry(task_id, each)
+        return None
 
     def answered(self, task_id: int, ok: bool) -> None:
         """Note that the robot has accepted or refused a task."""
@@ -109,6 +106,7 @@ class TaskLog:
         self._robot.parts.changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
+        """Note the tasks that the robot reports at the beginning of a link."""
         offset = self._robot.chassis.stats.clock_offset or 0.0
         for report in info.task_history.tes:
             known = self._tasks.get(report.robot_task_id)
@@ -120,17 +118,19 @@ class TaskLog:
                 each.changed = part_data.now()  # it was accepted, and ended without a link
 
     def _reported(self, report: TaskProc) -> None:
+        """Note a report; it is empty if the robot has no task."""
         if report.robot_task_id and report.state != task.kStateUndefined:
             self._update(report, part_data.now())
         for task_id, each in self._tasks.items():
-            if task_id != report.robot_task_id and each.runs:  # a robot has one task at a time
+            # a robot has one task at a time, so all others have ended
+            if task_id != report.robot_task_id and each.runs:
                 known = each.report
                 each.report = TaskProc(robot_task_id=task_id, type=known.type, dest=known.dest)
                 each.changed = part_data.now()
         self._robot.parts.changed()
 
     def _update(self, report: TaskProc, reported: int) -> None:
-        """Note a report about a task, and when it was made, as Unix time in milliseconds."""
+        """Note a report about a task; `reported` is its Unix time, in milliseconds."""
         known = self._tasks.get(report.robot_task_id)
         if known is None:
             known = self._tasks[report.robot_task_id] = _Task()
@@ -145,25 +145,27 @@ class TaskLog:
 
     def _path_reported(self, path: NavPath) -> None:
         """Note the destination of the running task: the end of its path."""
+        end = part_data.points_data(path.path.poses[-1:])
+        if not end:
+            return
         for each in self._tasks.values():
             navigates = each.runs and each.report.action.type == action.kNav
-            points = part_data.points_data(path.path.poses[-1:])
-            if navigates and points and each.command.get("name") != "go":
-                each.place = points[0][0], points[0][1]
+            if navigates and each.command.get("name") != "go":  # a go has its place already
+                each.place = end[0][0], end[0][1]
                 self._robot.parts.changed()
 
-    def _note_map(self, known: _Task) -> None:
+    def _note_map(self, begun: _Task) -> None:
         used = self._robot.view.info.scene
-        known.scene, known.map = used.scene_name, used.map_name
+        begun.scene, begun.map = used.scene_name, used.map_name
 
-    def _note_driver(self, known: _Task) -> None:
-        if known.runs and self._robot.chassis.state is LinkState.READY:
-            known.by = self._driver().name
+    def _note_driver(self, begun: _Task) -> None:
+        if begun.runs and self._robot.chassis.state is LinkState.READY:
+            begun.by = self._driver().name
             self._robot.parts.changed()
 
     def _data(self) -> list[dict[str, Any]]:
-        known = [each for each in self._tasks.items() if each[1].known]
-        known.sort(key=lambda each: each[1].changed or each[1].begun, reverse=True)
+        known = [(task_id, each) for task_id, each in self._tasks.items() if each.known]
+        known.sort(key=lambda entry: entry[1].changed or entry[1].begun, reverse=True)
         return [self._entry(task_id, each) for task_id, each in known]
 
     def _entry(self, task_id: int, each: _Task) -> dict[str, Any]:

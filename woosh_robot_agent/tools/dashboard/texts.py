@@ -14,9 +14,9 @@ PAGE = Path(__file__).with_name("page")
 _REQUEST = Sentence("said.request", "the request")
 """Stands for the name of a request's type, which means nothing to viewers."""
 _TYPES = "woosh."
-"""Beginning of the names of all types."""
+"""Beginning of the full names of all protobuf types of the robot."""
 Value = Union[str, int, float, "Text"]
-"""Type of the values that can be put into a text; a `Said` is shown in the language of the page."""
+"""Type of the values in a text. The page translates a `Text` and a `Said`, which is a str."""
 
 
 class Text:

@@ -35,11 +35,12 @@ class Viewer:
     Attributes:
         name: name of the viewer, for other viewers: its number and its address.
         may_control: True if the viewer may command robots.
-        robot: the robot that the viewer watches; None at first.
+        robot: the robot that the viewer watches; None before the first call of `watch`.
         visible: False while the page is hidden.
-        commands: asyncio tasks of the commands in flight.
-        heard_at: loop time of the last message from the page.
-        ended_press: number of the last press of the stick that has ended; see `Control`.
+        commands: asyncio tasks of the commands in flight; maintained by the server.
+        heard_at: loop time of the last message from the page, or of its connection; updated by the
+            server.
+        ended_press: number of the last press of the stick that has ended, -1 before; see `Control`.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class Viewer:
         self._is_time_due = False
         """True if the time has to be sent."""
         self._stale: dict[tuple[Parts, str], None] = {}
-        """Parts to send, as `Parts` object and name, in the order in which they changed."""
+        """Ordered set of the parts to send, as `Parts` object and name; the first change first."""
         self._notes: list[str] = []
         """Notes to send."""
         self._wake = asyncio.Event()
@@ -79,13 +80,13 @@ class Viewer:
         self._watch()
 
     def set_visible(self, visible: bool) -> None:
-        """Stop sending while the page is hidden, and go on when it is visible again."""
+        """Begin or stop to send parts: a hidden page needs none."""
         self.visible = visible
         self.unwatch()
         self._watch()
 
     def unwatch(self) -> None:
-        """Watch no robot."""
+        """Send no more parts."""
         for parts in self._stores:
             parts.unwatch(self)
         self._stale.clear()
@@ -100,7 +101,7 @@ class Viewer:
                 parts.watch(self, partial(self._changed, parts))
 
     def note(self, **content: Any) -> None:
-        """Send a note to the page."""
+        """Send a note to the page; disconnect the viewer if too many notes wait."""
         if len(self._notes) < _MAX_NOTES:
             self._notes.append(json.dumps(content, separators=(",", ":")))
             self._wake.set()
@@ -144,6 +145,7 @@ class Viewer:
             return
 
     def _next(self) -> str | bytes:
+        """Return the next message: a note, else the time, else a part. One of them must wait."""
         if self._notes:
             return self._notes.pop(0)
         # after the notes: a page that knows a time after a stop has also got the note of the stop
@@ -152,7 +154,7 @@ class Viewer:
             return f'{{"part":"clock","data":{int(asyncio.get_running_loop().time() * 1000.0)}}}'
         parts, name = next(iter(self._stale))
         del self._stale[parts, name]
-        return parts.messages.get(name, "{}")
+        return parts.messages[name]
 
     def _changed(self, parts: Parts, names: Set[str]) -> None:
         self._stale.update(dict.fromkeys((parts, name) for name in names))

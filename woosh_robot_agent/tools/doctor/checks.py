@@ -25,12 +25,10 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.clock import describe_offset
 from woosh_robot_agent.robot.readiness import (
+    CONTROL_MODES,
     DEPLOYMENT,
     EMERGENCY_STOP,
     LOST,
-    MAINTENANCE,
-    MANUAL,
-    NO_CONTROL_MODE,
     NO_WORK_MODE,
     NOT_INITIALISED,
     SCHEDULE,
@@ -62,7 +60,7 @@ class Result:
         status: outcome.
         text: what was found.
         remedy: what to do about it; empty if nothing has to be done.
-        check: name of the check; filled in by `examine`.
+        check: name of the check; empty in the results of the checks below, filled in by `examine`.
     """
 
     status: Status
@@ -155,7 +153,7 @@ def _report(config: LinkConfig) -> str:
 
 
 async def _receive_answer(transport: Transport, codec: Codec, unusable: list[str]) -> Envelope:
-    """Return the answer; describe each unreadable frame and each other answer in `unusable`."""
+    """Return the answer; append texts about unreadable frames and other answers to `unusable`."""
     while True:
         try:
             envelope = codec.decode(await transport.recv())
@@ -332,13 +330,14 @@ async def _link_error(
         config: address and timeouts of the robot.
         text: what is wrong if no chassis answers HTTP either.
         remedy: what to do about it then.
-        reason: why the link did not open; by default `text`.
+        reason: why the link did not open, for the error if a chassis answers HTTP; by default
+            `text`.
     """
     is_http = config.transport == "websocket"
     answer = await ask_over_http(config, RobotInfo(), config.connect_timeout) if is_http else None
     if answer is None:
         return CheckFailedError(text, remedy)
-    info = _robot_info_over_http(answer.body)
+    info = _robot_info_over_http(answer)
     if info is None:
         found = f"{text}; HTTP is answered with status {answer.status}"
         by = f" by {answer.server}" if answer.server else ""
@@ -358,13 +357,13 @@ class HttpAnswer(NamedTuple):
     Attributes:
         status: status of the response.
         server: the Server header; empty without one.
-        body: body of the response; only its beginning if it is longer than `_MAX_BODY`.
+        envelope: the answer in the body; None if the body is no answer, or too long.
         delay: time from request to response, in seconds.
     """
 
     status: int
     server: str
-    body: bytes
+    envelope: Envelope | None
     delay: float
 
 
@@ -397,22 +396,27 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
                 body += chunk
                 if len(body) > _MAX_BODY:
                     break
-            server = response.headers.get("Server", "")
-            return HttpAnswer(response.status, server, bytes(body), time.monotonic() - began)
+            delay = time.monotonic() - began
+            try:
+                envelope = JSON.decode(bytes(body))
+            except FrameError:
+                envelope = None
+            return HttpAnswer(response.status, response.headers.get("Server", ""), envelope, delay)
     except (aiohttp.ClientError, TimeoutError, OSError):  # nothing answers HTTP
         return None
 
 
-def _robot_info_over_http(body: bytes) -> RobotInfo | None:
-    """Return the RobotInfo in a response over HTTP, None if it has none."""
+def _robot_info_over_http(answer: HttpAnswer) -> RobotInfo | None:
+    """Return the RobotInfo in an answer over HTTP; None if it has none."""
+    if answer.envelope is None or answer.envelope.type != full_name(RobotInfo):
+        return None
     try:
-        envelope = JSON.decode(body)
-        return JSON.body(envelope, RobotInfo) if envelope.type == full_name(RobotInfo) else None
+        return JSON.body(answer.envelope, RobotInfo)
     except FrameError:
         return None
 
 
-_MODE_OBJECTIONS = (MANUAL, MAINTENANCE, NO_CONTROL_MODE, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)
+_MODE_OBJECTIONS = (*CONTROL_MODES, DEPLOYMENT, SCHEDULE, NO_WORK_MODE)
 """The objections that `check_mode` reports."""
 _NOT_REPORTED = Result(
     Status.WARN,
@@ -444,23 +448,28 @@ def check_initialisation(info: RobotInfo) -> Result:
 
 
 def check_localisation(info: RobotInfo) -> Result:
-    """Check that the robot knows its position."""
+    """Check that the robot knows its position, and that the position belongs to a map."""
     if info.state == robot.kUninit:
         return Result(Status.SKIPPED, "not checked until the robot is initialised")
     if info.state == robot.kMapping:
         return Result(Status.SKIPPED, "not checked while the robot is building a map")
-    result = _check(is_located(info), LOST, "the robot knows its position")
-    doubt = pose_problem(info)
-    if result.status is Status.OK and doubt is not None:
+    located = is_located(info)
+    if located is None:
+        return _NOT_REPORTED
+    if not located:
+        return _failed([LOST])
+    if doubt := pose_problem(info):
         return Result(Status.WARN, doubt.reason, doubt.remedy)
-    return result
+    return Result(Status.OK, "the robot knows its position")
 
 
 def check_emergency_stop(info: RobotInfo) -> Result:
     """Check that the emergency stop is released."""
-    is_pressed = EMERGENCY_STOP in objections(info)
-    is_known = info.HasField("device_state")
-    return _check(not is_pressed if is_known else None, EMERGENCY_STOP, "not pressed")
+    if not info.HasField("device_state"):
+        return _NOT_REPORTED
+    if EMERGENCY_STOP in objections(info):
+        return _failed([EMERGENCY_STOP])
+    return Result(Status.OK, "not pressed")
 
 
 def check_taskable(info: RobotInfo) -> Result:
@@ -486,13 +495,6 @@ def check_codes(info: RobotInfo) -> Result:
     if codes:
         return Result(Status.WARN, "; ".join(codes), "resolve what the codes report")
     return Result(Status.OK, "no unresolved problem is reported")
-
-
-def _check(good: bool | None, objection: Objection, text: str) -> Result:
-    """Return the result for a condition: `text` if true, `objection` if false; None is unknown."""
-    if good is None:
-        return _NOT_REPORTED
-    return Result(Status.OK, text) if good else _failed([objection])
 
 
 def _failed(found: list[Objection]) -> Result:

@@ -73,7 +73,10 @@ def quantile(values: Sequence[float], share: float) -> float:
 
 def learn(seen: Observations) -> Values:
     """Return all values of a profile that can be learned from the observations."""
-    parts = (_model, _tasks, _answers, _mapping, _rates, _laser, _driving, _battery, _texts)
+    parts = (
+        *(_model, _first_reports, _order_effects, _empty_reports, _answers, _mapping),
+        *(_rates, _laser, _speeds, _start_delays, _battery, _texts),
+    )
     return {path: found for part in parts for path, found in part(seen) if _is_field(path)}
 
 
@@ -83,7 +86,7 @@ def _is_field(path: KeyPath) -> bool:
 
 
 _Found = Iterator[tuple[KeyPath, Learned]]
-"""Learned values with their keys; each function below yields those of a part of the profile."""
+"""Learned values with their keys; each function of `learn` yields some of them."""
 
 _MIN_SAMPLES = 3
 """Minimum number of samples to learn a distribution."""
@@ -118,35 +121,45 @@ _FIRST_REPORTS = 8
 """Maximum number of values of `tasks.first_report`."""
 
 
-def _tasks(seen: Observations) -> _Found:
+def _first_reports(seen: Observations) -> _Found:
+    """Yield the times from the answer to a task to its first report."""
     reports = seen.pushed(TaskProc)
-    first_reports = []  # times from the answer to a task to its first report
-    for each in seen.answered(pack.ExecTask) + seen.answered(pack.ExecPreTask):
+    times = []
+    for each in seen.accepted(pack.ExecTask) + seen.accepted(pack.ExecPreTask):
         if each.request_body is None:
             continue
         task_id = getattr(each.request_body, "task_id", 0)  # 0: the robot chooses one
         for t, proc in reports:
             is_of_task = proc.robot_task_id == task_id if task_id else proc.robot_task_id != 0
             if is_of_task and 0.0 <= t - each.t <= _MAX_FIRST_REPORT:
-                first_reports.append(t - each.t)
+                times.append(t - each.t)
                 break
-    if first_reports:
-        # the simulator chooses one of these values at random: evenly spaced quantiles
-        count = min(_FIRST_REPORTS, len(first_reports))
+    if times:
+        # evenly spaced quantiles, because the simulator chooses one of the values at random
+        count = min(_FIRST_REPORTS, len(times))
         shares = [(number + 0.5) / count for number in range(count)]
-        values = [round(quantile(first_reports, share), 2) for share in shares]
-        yield ("tasks", "first_report"), Learned(values, len(first_reports))
-    effects = []  # times from an order to the next report
-    for order in seen.answered(pack.ActionOrder):
+        values = [round(quantile(times, share), 2) for share in shares]
+        yield ("tasks", "first_report"), Learned(values, len(times))
+
+
+def _order_effects(seen: Observations) -> _Found:
+    """Yield the times from an order to the next report of a task."""
+    reports = seen.pushed(TaskProc)
+    effects = []
+    for order in seen.accepted(pack.ActionOrder):
         sent_at = order.t - order.delay
         effect = next((t - sent_at for t, _ in reports if t >= sent_at), math.inf)
         if effect <= _MAX_EFFECT:
             effects.append(effect)
     if len(effects) >= _MIN_SAMPLES:
         yield ("tasks", "order_effect"), _distribution(effects)
-    empty = [  # times from the last report of a task to the following empty report
+
+
+def _empty_reports(seen: Observations) -> _Found:
+    """Yield the times from the last report of a task to the following empty report."""
+    empty = [
         later - t
-        for (t, proc), (later, after) in pairwise(reports)
+        for (t, proc), (later, after) in pairwise(seen.pushed(TaskProc))
         if proc.state in _ENDED and not after.robot_task_id and later - t <= _MAX_EMPTY
     ]
     if empty:
@@ -174,7 +187,7 @@ def _answers(seen: Observations) -> _Found:
         yield ("answers", "default"), Learned(list(map(_round_to_ms, medians)), samples)
     for name, found in times.items():
         yield ("answers", "requests", name), found
-    done = [each.delay for each in seen.answered(pack.InitRobot)]
+    done = [each.delay for each in seen.accepted(pack.InitRobot)]
     if done:
         yield ("answers", "initialisation"), _interval(done)
 
@@ -185,7 +198,7 @@ def _mapping(seen: Observations) -> _Found:
         period = Learned(_round_to_ms(quantile(periods, 0.5)), len(periods))
         yield ("mapping", "picture_period"), period
     delays: dict[int, list[float]] = {}
-    for each in seen.answered(pack.BuildMap):
+    for each in seen.accepted(pack.BuildMap):
         delays.setdefault(getattr(each.request_body, "type", 0), []).append(each.delay)
     starts = delays.get(pack.BuildMap.kAdd, []) + delays.get(pack.BuildMap.kUpdate, [])
     if starts:
@@ -203,9 +216,26 @@ _MIN_PERIOD_RATIO = 0.7
 
 
 def _rates(seen: Observations) -> _Found:
+    """Yield the times between two pushes, and between two scans."""
     moving = _gaps([t for t, _ in seen.pushed(PoseSpeed)], ignore_above=_MAX_GAP_MOVING)
     if len(moving) >= _MIN_SAMPLES:
         yield ("rates", "pose_speed"), _median(moving)
+    yield from _scan_rates(seen)
+    # a push without a change is a periodic one
+    batteries = seen.pushed(Battery)
+    repeated = [after - t for (t, one), (after, two) in pairwise(batteries) if one == two]
+    if len(repeated) >= _MIN_SAMPLES:
+        yield ("rates", "battery"), _interval(repeated)
+    pushes = seen.pushed(Operation)
+    unmoved = [
+        after - t for (t, one), (after, two) in pairwise(pushes) if one.mileage == two.mileage
+    ]
+    if len(unmoved) >= _MIN_SAMPLES:
+        yield ("rates", "operation"), _median(unmoved)
+
+
+def _scan_rates(seen: Observations) -> _Found:
+    """Yield the time between two pushed scans, and the time between two scans."""
     pushed = _gaps(
         [each.t for each in of_busiest_connection([each for each in seen.scans if each.pushed])]
     )
@@ -221,23 +251,15 @@ def _rates(seen: Observations) -> _Found:
             scan = push
     if scan:
         yield ("rates", "scan"), scan
-    # a push without a change is a periodic one
-    batteries = seen.pushed(Battery)
-    repeated = [after - t for (t, one), (after, two) in pairwise(batteries) if one == two]
-    if len(repeated) >= _MIN_SAMPLES:
-        yield ("rates", "battery"), _interval(repeated)
-    pushes = seen.pushed(Operation)
-    unmoved = [
-        after - t for (t, one), (after, two) in pairwise(pushes) if one.mileage == two.mileage
-    ]
-    if len(unmoved) >= _MIN_SAMPLES:
-        yield ("rates", "operation"), _median(unmoved)
 
 
 def _scan_period(seen: Observations) -> Learned | None:
-    """Return the time between two scans, from requests that were more frequent than the scans."""
+    """Return the time between two scans; None if the requests for scans do not show it.
+
+    They show it if they were more frequent than the scans.
+    """
     polls = of_busiest_connection([each for each in seen.scans if not each.pushed])
-    # a pause ends a series of polls
+    # a pause of more than 1 s ends a series of polls
     ends = [number for number, gap in enumerate(_gaps([each.t for each in polls]), 1) if gap > 1.0]
     gaps: list[float] = []
     for begin, end in pairwise([0, *ends, len(polls)]):
@@ -281,17 +303,22 @@ _MAX_START = 3.0
 """Maximum time from a velocity to the first motion, in seconds."""
 
 
-def _driving(seen: Observations) -> _Found:
-    poses = seen.pushed(PoseSpeed)
-    twists = [each.twist for _, each in poses]
+def _speeds(seen: Observations) -> _Found:
+    """Yield the maximum speeds."""
+    twists = [each.twist for _, each in seen.pushed(PoseSpeed)]
     for name, speeds in (
         ("max_speed", [abs(each.linear) for each in twists if abs(each.linear) > _STANDING]),
         ("max_turn_rate", [abs(each.angular) for each in twists if abs(each.angular) > _STANDING]),
     ):
         if len(speeds) >= _MIN_MOVING:
             yield ("driving", name), Learned(round(max(speeds), 3), len(speeds))
+
+
+def _start_delays(seen: Observations) -> _Found:
+    """Yield the time from the first velocity, while the robot stands, to its first motion."""
+    poses = seen.pushed(PoseSpeed)
     start_delays, last_sent_at = [], -math.inf
-    for velocity in seen.answered(pack.Twist):
+    for velocity in seen.accepted(pack.Twist):
         sent_at = velocity.t - velocity.delay
         is_after_pause = sent_at - last_sent_at > _MAX_START
         last_sent_at = sent_at
@@ -317,7 +344,7 @@ _DEFAULT_TEXTS = {each.words for each in REFUSALS.values()}
 
 
 def _texts(seen: Observations) -> _Found:
-    """Yield the refusals, and the language of status codes."""
+    """Yield the texts of refusals, and the language of status codes."""
     accepted = {each.request for each in seen.answers if each.ok}
     texts: dict[str, Counter[str]] = {}
     for each in seen.answers:
@@ -343,6 +370,7 @@ def _codes(body: Any) -> Sequence[StatusCode]:
 
 
 def _gaps(timestamps: Sequence[float], ignore_above: float = math.inf) -> list[float]:
+    """Return the times between two timestamps, in seconds."""
     gaps = [after - before for before, after in pairwise(timestamps)]
     return [each for each in gaps if each <= ignore_above]  # longer gaps are pauses
 
@@ -381,18 +409,19 @@ _TIME_TOLERANCE, _TOLERANCE = (0.1, 0.02), (0.01, 0.0)
 
 
 def known_value(path: KeyPath) -> Any:
-    """Return the value of `tr200` for the same keys as a learned value."""
+    """Return the value of `tr200` for the same keys as a learned value; None if it has none."""
     known: Any = reference()
     for key in path:
         known = known.get(key) if isinstance(known, dict) else None
-    is_default = known is None and path[:2] == ("answers", "requests")
-    return reference()["answers"]["default"] if is_default else known
+    if known is None and path[:2] == ("answers", "requests"):  # a request without its own times
+        return reference()["answers"]["default"]
+    return known
 
 
 def differs(path: KeyPath, value: Any) -> bool:
     """Return True if a learned value differs from the value of `tr200`."""
     known = known_value(path)
-    if path == ("tasks", "first_report"):  # in any order
+    if path == ("tasks", "first_report"):  # the order of these values has no meaning
         value, known = sorted(value), sorted(known)
     return _differ(value, known, *(_TIME_TOLERANCE if path[0] in _TIMES else _TOLERANCE))
 
@@ -422,11 +451,7 @@ _NOT_LEARNED = {
 
 
 def profile_text(values: Mapping[KeyPath, Learned], source: str) -> str:
-    """Return the text of a profile's file.
-
-    Args:
-        values: the learned values.
-        source: name of the source of the values, for the heading.
+    """Return the text of a profile's file; its heading names the `source` of the values.
 
     Raises:
         DataFileError: the values do not make a profile.
@@ -446,7 +471,8 @@ def profile_text(values: Mapping[KeyPath, Learned], source: str) -> str:
     for section, fields in reference().items():
         lines += ["", f"{section}:"]
         for name, value in fields.items():
-            learned = {  # also keys that the reference lacks
+            # learned values within this field, also with keys that the reference lacks
+            learned = {
                 path[2]: each
                 for path, each in values.items()
                 if path[:2] == (section, name) and path[2:]

@@ -99,10 +99,10 @@ class Scan(NamedTuple):
     """A laser scan.
 
     Attributes:
-        t: Unix time, in seconds.
+        t: Unix time of its arrival, in seconds.
         connection: number of the connection.
         pushed: True if it was pushed, False if it was requested.
-        ranges: hash of the ranges.
+        ranges: hash of the ranges, to tell a new scan from one that was requested again.
         settings: the scan without its ranges.
     """
 
@@ -119,7 +119,7 @@ class Unknown:
 
     Attributes:
         count: number of occurrences.
-        values: some of the values, as JSON.
+        values: the first `_EXAMPLES` different values, as JSON.
     """
 
     count: int = 0
@@ -142,11 +142,12 @@ class Observations:
         subscribed: types that clients have subscribed to.
         unknown_fields: fields that the schema lacks, by message type and path; only from JSON
             frames, which have the names of fields.
-        unknown_types: types that the schema lacks, with their bodies.
+        unknown_types: types that the schema lacks, by name, with their bodies as values.
         unreadable: frames and bodies that could not be read, by reason.
         offsets: time by which each timestamp of the robot is ahead of this computer's clock, in
             seconds.
-        names: names and numbers by which the site or the robot could be recognised.
+        names: names and numbers by which the site or the robot could be recognised; about
+            `_MAX_NAMES` at most.
         frames: number of frames of the robot.
     """
 
@@ -185,7 +186,7 @@ class Observations:
         return None
 
     def latest(self, cls: type[_M]) -> tuple[_M | None, int]:
-        """Return the last message of a class, None before the first, and their number so far."""
+        """Return the last message of a class, or None, and the number of messages of the class."""
         name = cls.DESCRIPTOR.full_name
         return self._latest.get(name), self._counts[name]  # type: ignore[return-value]
 
@@ -203,10 +204,10 @@ class Observations:
         found = self.pushes_of(cls.DESCRIPTOR.full_name)
         return [(each.t, each.body) for each in found if each.body]  # type: ignore[misc]
 
-    def answered(self, cls: type[Message], *, ok: bool = True) -> list[AnsweredRequest]:
-        """Return all answers to requests of a class that were accepted, or refused."""
+    def accepted(self, cls: type[Message]) -> list[AnsweredRequest]:
+        """Return the accepted requests of a class."""
         name = cls.DESCRIPTOR.full_name
-        return [each for each in self.answers if each.request == name and each.ok is ok]
+        return [each for each in self.answers if each.request == name and each.ok]
 
     def _add_from_client(self, frame: SeenFrame, envelope: Envelope) -> None:
         if envelope.type in (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name):
@@ -303,7 +304,7 @@ def of_busiest_connection(items: list[_Item]) -> list[_Item]:
 
 
 def _unknown_fields(body: dict[str, Any], descriptor: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Yield path and value of each field that a message type lacks."""
+    """Yield the path, which begins with `path`, and the value of each field that a type lacks."""
     fields = {name: each for each in descriptor.fields for name in json_names(each)}
     for key, value in body.items():
         known = fields.get(key)
@@ -334,6 +335,7 @@ def _names(message: Any) -> Iterator[str]:
 
 
 def _texts_in_json(data: bytes) -> Iterator[str]:
+    """Yield the texts in JSON of moderate size, except single characters; none in other bytes."""
     if data[:1] not in (b"{", b"[") or len(data) > _LARGE:
         return
     try:
@@ -351,7 +353,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _as_json(body: object) -> Any:
-    """Return the body of an unknown type as JSON."""
+    """Return the body of an unknown type, for JSON."""
     return f"{len(body)} bytes of protobuf" if isinstance(body, bytes) else body
 
 
@@ -400,12 +402,7 @@ class Redactor:
         return self._names.sub("<name>", text) if self._names else text
 
     def value(self, key: str, value: Any) -> Any:
-        """Return a JSON value without texts, and without numbers that could be ids.
-
-        Args:
-            key: name of the field.
-            value: the value.
-        """
+        """Return the value of a field, as JSON, without texts and numbers that could be ids."""
         if isinstance(value, list):
             return [self.value(key, each) for each in value]
         if isinstance(value, dict):

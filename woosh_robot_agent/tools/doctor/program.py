@@ -121,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: arguments of the program; by default from the command line.
 
     Returns:
-        The exit status: 0 if no check failed, 1 if a check failed.
+        The exit status: 0 if no check failed; 1 if a check failed, or if the survey cannot be made.
     """
     parser = tool_parser(
         "doctor", "Check the connection to a robot and whether the robot accepts tasks.", _EPILOG
@@ -189,7 +189,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
 
 
 async def _examine_and_print(config: LinkConfig, *, quiet: bool) -> list[Result]:
-    """Run the checks; print each result unless `quiet`."""
+    """Run the checks, and print each result, unless `quiet`; return the results."""
     if not quiet:
         print(f"robot at {config.address}", flush=True)
     results = []
@@ -197,6 +197,7 @@ async def _examine_and_print(config: LinkConfig, *, quiet: bool) -> list[Result]
         results.append(result)
         if not quiet and result.text != NOT_REACHED:
             print(_line(result), flush=True)
+    # one line for all of them, at the end
     not_reached = [result.check for result in results if result.text == NOT_REACHED]
     results.append(await check_subscribers())
     if not quiet:

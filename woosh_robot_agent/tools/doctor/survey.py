@@ -17,7 +17,7 @@ from rich.progress import TimeRemainingColumn
 from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import QUERIES, TOPICS, minimum_timeouts
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.codecs import JSON, client_codec
+from woosh_robot_agent.link.codecs import client_codec
 from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, FrameError
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
@@ -41,7 +41,7 @@ from woosh_robot_agent.tools.doctor import SurveyError
 from woosh_robot_agent.tools.doctor.checks import HttpAnswer, ask_over_http
 from woosh_robot_agent.tools.doctor.learn import SURVEY_FILE
 from woosh_robot_agent.tools.doctor.observations import AnsweredRequest, Observations, SeenFrame
-from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, HttpResult, markdown, results
+from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, markdown, results
 from woosh_robot_agent.tools.options import stop_event
 from woosh_robot_agent.tools.progress import progress_bar
 
@@ -57,7 +57,7 @@ _EMPTY_REQUESTS = tuple(
 name of a scene. What is pushed can be requested, too: a request without content cannot change
 anything."""
 _SUBSCRIBED = tuple(dict.fromkeys((*_PUSHED, full_name(Feedbacks), *_EMPTY_REQUESTS)))
-"""Types that are subscribed to. The robot may also push what it is only known to answer."""
+"""Types that are subscribed to: also those that robots are only known to send as answers."""
 _LARGE_ROUNDS = 3
 """Number of rounds in which queries with large answers are sent."""
 _PAUSE = 0.1
@@ -85,10 +85,11 @@ class _Survey:
 
     def __init__(self, config: LinkConfig) -> None:
         self.seen = Observations()
-        self.http: dict[str, HttpResult | None] = {}
+        self.http: dict[str, HttpAnswer | None] = {}
         self.lost = 0
         self._config = config
         self._transport: Transport
+        """The open connection; set by `run`."""
         self._clock_offset = time.time() - time.monotonic()
         """Unix time at zero of the monotonic clock, in seconds."""
         self._codec = client_codec(config)
@@ -101,11 +102,11 @@ class _Survey:
         self._unanswered: dict[str, int] = {}
         """Number of requests since the last answer, by type."""
         self._scene = ""
-        """Name of the current scene, for requests of its data."""
+        """Name of the current scene, for requests of its data; empty until it is known."""
         self._mark = mark_pb2.Storages.Base()
-        """One of the robot's marks, for the requests Find and PlanNavPath."""
+        """One of the robot's marks, for the requests Find and PlanNavPath; empty without one."""
         self._pose: Pose2D | None = None
-        """Pose of the robot; None if it is not located."""
+        """Pose of the robot; None if it is not known or not located."""
 
     async def run(self) -> None:
         """Observe the robot until the task is cancelled; reconnect when the connection is lost."""
@@ -194,7 +195,11 @@ class _Survey:
                 yield self._make.address(each), max(timeout, slow.get(full_name(each), 0.0))
 
     async def _ask(self, request: Message, timeout: float) -> None:
-        """Send a request, wait for its answer, and keep what later requests need of it."""
+        """Send a request, wait for its answer, and keep what later requests need of it.
+
+        Raises:
+            TransportClosedError: the link is lost, or the robot answers neither this nor a ping.
+        """
         self._sn += 1
         waiting: asyncio.Future[AnsweredRequest] = asyncio.get_running_loop().create_future()
         self._waiting[self._sn] = waiting
@@ -242,28 +247,22 @@ class _Survey:
         return self._clock_offset + time.monotonic()
 
     async def _ask_over_http(self) -> None:
-        """Send each query over HTTP, unless the first queries show that nothing answers HTTP."""
+        """Send each query over HTTP; stop after two if neither of them is answered."""
         for request, timeout in self._requests():
             answer = await ask_over_http(self._config, request, timeout)
-            self.http[full_name(request)] = _http_result(answer) if answer else None
+            if answer and answer.envelope:
+                answer.envelope.body = None  # not needed, and maybe large
+            self.http[full_name(request)] = answer
             if len(self.http) > 1 and not any(self.http.values()):
                 return
             await asyncio.sleep(_PAUSE)
 
 
-def _http_result(answer: HttpAnswer) -> HttpResult:
-    try:
-        envelope = JSON.decode(answer.body)
-    except FrameError:
-        return HttpResult(answer.status, None, "", answer.delay)
-    return HttpResult(answer.status, envelope.ok, envelope.msg, answer.delay)
-
-
 def check_folder(folder: Path) -> None:
-    """Check that the results can be written to a folder.
+    """Check that a folder is empty, or does not exist.
 
     Raises:
-        SurveyError: the folder is not empty.
+        SurveyError: it is not empty, not a folder, or cannot be read.
     """
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

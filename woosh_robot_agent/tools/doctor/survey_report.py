@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link.protos import message_types
@@ -15,6 +15,7 @@ from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import General, RobotInfo
 from woosh_robot_agent.robot.clock import describe_offset
 from woosh_robot_agent.robot.status_codes import meaning
+from woosh_robot_agent.tools.doctor.checks import HttpAnswer
 from woosh_robot_agent.tools.doctor.learn import (
     REFERENCE,
     differs,
@@ -33,26 +34,10 @@ _NOT_FOUND = 404
 """HTTP status for a request that the robot does not know."""
 
 
-class HttpResult(NamedTuple):
-    """The answer to a query over HTTP.
-
-    Attributes:
-        status: status of the response.
-        ok: True if the query was accepted, False if it was refused; None if the body is no answer.
-        text: text of the answer.
-        delay: time from request to response, in seconds.
-    """
-
-    status: int
-    ok: bool | None
-    text: str
-    delay: float
-
-
 def results(
     seen: Observations,
     *,
-    http: Mapping[str, HttpResult | None],
+    http: Mapping[str, HttpAnswer | None],
     seconds: float,
     complete: bool,
     lost: int,
@@ -67,7 +52,7 @@ def results(
         seconds: duration, in seconds.
         complete: False if the survey was stopped early.
         lost: number of lost connections.
-        address: address of the robot.
+        address: address of the robot, left out without `with_names`.
         with_names: True to keep names and numbers that could identify the robot or its site.
     """
     redactor = None if with_names else Redactor(seen.names)
@@ -123,7 +108,7 @@ def _robot(seen: Observations) -> dict[str, Any]:
 
 
 def _requests(
-    seen: Observations, http: Mapping[str, HttpResult | None], redactor: Redactor | None
+    seen: Observations, http: Mapping[str, HttpAnswer | None], redactor: Redactor | None
 ) -> Iterator[dict[str, Any]]:
     for name in sorted(seen.asked):
         answers = [each for each in seen.answers if each.request == name]
@@ -149,13 +134,14 @@ def _requests(
         }
 
 
-def _http_result(answer: HttpResult | None, redactor: Redactor | None) -> dict[str, Any]:
+def _http_result(answer: HttpAnswer | None, redactor: Redactor | None) -> dict[str, Any]:
     if answer is None:  # not answered
         return {"status": 0}
+    envelope = answer.envelope
     return {
         "status": answer.status,
-        "ok": answer.ok,
-        "text": _redacted(answer.text, redactor),
+        "ok": envelope.ok if envelope else None,
+        "text": _redacted(envelope.msg if envelope else "", redactor),
         "delay": round(answer.delay, 4),
     }
 
@@ -174,7 +160,7 @@ def _pushes(seen: Observations) -> Iterator[dict[str, Any]]:
 
 
 def _series(values: Sequence[float], *, digits: int) -> dict[str, float] | None:
-    """Return number, median, 99 % quantile, minimum and maximum of some values; None if none."""
+    """Return number, median, 99 % quantile, minimum and maximum of values; None without values."""
     if not values:
         return None
     figures = {
@@ -207,7 +193,7 @@ def _unknown_codes(seen: Observations, redactor: Redactor | None) -> Iterator[di
     counts: Counter[int] = Counter()
     for body in seen.bodies():
         for code in _codes_in(body):
-            if code.code and not meaning(code.code):  # 0 in an empty answer
+            if code.code and not meaning(code.code):  # an empty answer has the code 0
                 counts[code.code] += 1
                 texts[code.code] = code.msg
     for number, count in sorted(counts.items()):
@@ -227,14 +213,11 @@ def _redacted(text: str, redactor: Redactor | None) -> str:
 
 
 _QUERIES = {each.request for each in QUERIES}
+"""Types of the requests that are queries."""
 
 
 def markdown(found: Mapping[str, Any]) -> str:
-    """Return the report for people.
-
-    Args:
-        found: the results, as `results` returns them.
-    """
+    """Return the report for people on what `results` has returned."""
     robot = found["robot"]
     early = "" if found["complete"] else ", stopped early"
     lines = [
@@ -291,7 +274,7 @@ def markdown(found: Mapping[str, Any]) -> str:
 
 
 def _differences(found: Mapping[str, Any]) -> list[str]:
-    """Return the list of the section about the differences from the simulator, by lines."""
+    """Return the lines of the section about the differences from the simulator."""
     lines = [
         f"- `{'.'.join(each['field'])}`: {_as_code(each['value'])} instead of "
         f"{_as_code(each[REFERENCE])} ({each['samples']} samples)"

@@ -15,16 +15,19 @@ const INTERRUPTS = ["pause", "cancel"];
 const REPEATABLE = ["sound", "speedLimit"];
 const OF_SIMULATOR = ["fault", "endFault", "clearFaults"];
 
+/** @typedef {import("./texts.js").Text & {objection?: string}} Refusal  objection: its name, if it says one */
+
 /**
  * @param {string} key
  * @param {Record<string, any>} values
- * @returns {import("./texts.js").Text}
+ * @returns {Refusal}
  */
 const text = (key, values = {}) => ({ key, values });
 
 /**
  * Return why a command would do nothing now; null if the viewer may give it.
  * @param {string} name of the command, or `drive`
+ * @returns {Refusal | null}
  */
 export function refusal(name) {
   const link = store.link.value;
@@ -42,7 +45,7 @@ export function refusal(name) {
 }
 
 /**
- * Return why the robot would refuse a command now, as far as that is certain.
+ * Return why the robot would refuse a command now; null if that is not certain.
  * @param {store.Robot} robot
  * @param {string} name
  */
@@ -52,10 +55,10 @@ function robotRefusal({ task, objections }, name) {
   const busy = task?.running ? (heldUp ?? text("objection.busy.reason")) : null;
   const paused = busy !== null && task?.state === "paused";
   const driving = paused ? null : busy; // a paused task does not drive
-  /** @param {string[]} names */
+  /** Return the first objection with one of these names. @param {string[]} names @returns {Refusal | null} */
   const objection = (...names) => {
     const found = objections.find((each) => names.includes(each.name));
-    return found ? text(`objection.${found.name}.reason`) : null;
+    return found ? { ...text(`objection.${found.name}.reason`), objection: found.name } : null;
   };
   const area = store.map.value;
   const noMap = area?.resolution ? null : text("reason.noMap");

@@ -1,4 +1,4 @@
-// Actions of the viewer: commands, STOP, the choice of a robot, of a target, of a pose.
+// Actions of the viewer: commands, STOP, the choice of a tab, of a robot, of a target, of a pose.
 
 import { refusal } from "./allowed.js";
 import { batch, effect, signal } from "./vendor/preact.js";
@@ -142,6 +142,16 @@ effect(() => {
   const limit = store.endedLimit.value;
   if (limit) tell(false, { key: "notice.limitEnded", values: { limit } });
 });
+
+/** Show a tab. @param {string} name */
+export function openTab(name) {
+  batch(() => {
+    if (name !== "simulator" && store.tool.value === "obstacle") store.tool.value = "go";
+    store.tab.value = name;
+    if (store.sheet.value === "closed") store.sheet.value = "half";
+  });
+  document.querySelector(".panel")?.scrollTo(0, 0);
+}
 
 /** @param {number} index */
 export function chooseRobot(index) {

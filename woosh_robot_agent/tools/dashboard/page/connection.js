@@ -91,7 +91,10 @@ export class Connection {
     this.connect();
   }
 
-  /** @param {boolean} dismissed true if the dashboard has too many viewers */
+  /**
+   * Fail the commands that wait for their answer, except an unsent stop, and connect again later.
+   * @param {boolean} dismissed true if the dashboard has too many viewers; then do not connect again
+   */
   lost(dismissed) {
     this.isReady = false;
     this.setProblem(dismissed ? "link.dismissed" : "link.noDashboard");
@@ -102,6 +105,7 @@ export class Connection {
     if (!dismissed) this.retry = setTimeout(() => this.connect(), RETRY_DELAY);
   }
 
+  /** Show that the dashboard sends nothing, and in the end open another connection. */
   checkSilence() {
     if (this.socket.readyState === WebSocket.CLOSED) return;
     const silence = performance.now() - this.receivedAt;
@@ -121,7 +125,7 @@ export class Connection {
     this.onChange(problem);
   }
 
-  /** @param {Record<string, any>} message */
+  /** Send a message; drop it without a connection. @param {Record<string, any>} message */
   send(message) {
     if (this.isReady) this.socket.send(JSON.stringify(message));
   }
@@ -148,7 +152,7 @@ export class Connection {
     return this.waitForReply(id);
   }
 
-  /** Send a stop, now or as soon as there is a connection. */
+  /** Send a stop: now, or when there is a connection within `STOP_TIMEOUT`. */
   stop() {
     const id = this.nextId++;
     if (this.isReady) {

@@ -1,6 +1,6 @@
 // The state of the page: what the dashboard has sent, and what the viewer has chosen.
 
-import { batch, computed, signal } from "./vendor/preact.js";
+import { batch, computed, effect, signal } from "./vendor/preact.js";
 
 /** @typedef {{x: number, y: number}} Point  a place on the map, in metres */
 /** @typedef {{x: number, y: number, theta: number}} Pose  in metres and radians */
@@ -20,7 +20,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
  * @property {string} model
  * @property {string} scene
  * @property {string} map
- * @property {string} state
+ * @property {string} state what it does, e.g. `idle`
  * @property {string | null} control mode: `auto`, `manual` or `maintain`
  * @property {string | null} work mode: `task`, `deploy` or `schedule`
  * @property {boolean | null} taskable true if the robot says that it takes tasks; null if it says nothing
@@ -60,7 +60,7 @@ import { batch, computed, signal } from "./vendor/preact.js";
 /**
  * @typedef {object} Area the map, as far as it is known
  * @property {number} number of the picture, another one for each picture
- * @property {import("./texts.js").Value} error why there is no picture; empty with one
+ * @property {import("./texts.js").Value} error why the map, or a part of it, cannot be shown; may be empty
  * @property {string} [scene]
  * @property {string} [name]
  * @property {number} [resolution] metres per pixel; absent without a picture
@@ -141,7 +141,8 @@ import { batch, computed, signal } from "./vendor/preact.js";
 /** Commands that give a task. */
 export const TASK_COMMANDS = ["go", "goMark", "charge"];
 const SLOW = 1 / 3; // share of the limits to which a slow stick drives
-const LOST = ["lost", "not_initialised"]; // objections of a robot that does not know where it is
+/** Objections of a robot that does not know where it is. */
+export const LOST = ["lost", "not_initialised"];
 const AHEAD = 1; // metres of a path beyond the former place on it in which the robot is searched first
 const BESIDE = 0.5; // metres beside the path beyond which the robot is searched on the whole path
 const AT_GOAL = 2; // metres that the path may end before a goal at which the robot docks
@@ -155,7 +156,7 @@ export const KEY_DIRECTIONS = {
 };
 
 /**
- * Return a signal whose type is that of the whole value, e.g. with null.
+ * Return a signal for values of the type that its first value is declared with, e.g. `Task | null`.
  * @template T
  * @param {T} value
  * @returns {import("@preact/signals").Signal<T>}
@@ -177,11 +178,13 @@ export const mayControl = state(false);
 export const lostControl = state(false);
 /** Addresses of the robots. */
 export const robots = state(/** @type {string[]} */ ([]));
+/** Cards of the robots, in the order of `robots`; empty until they have come. */
 export const fleet = state(/** @type {Card[]} */ ([]));
 /** All robots that know their place; empty if the page shows only one robot. */
 export const places = state(/** @type {PlacedRobot[]} */ ([]));
+/** Faults of the simulated robot; null if the robots are not simulated. */
 export const simulator = state(/** @type {Simulator | null} */ (null));
-/** Why no data come from the dashboard; empty while data come. */
+/** Key of the text that says why no data come from the dashboard; empty while data come. */
 export const problem = state("link.connecting");
 
 // Of the robot that is watched
@@ -204,6 +207,7 @@ const OF_ROBOT = {
 export const { link, robot, pose, outline, path, codes, map, scenes, control, tasks, details } =
   OF_ROBOT;
 export const { sample } = OF_ROBOT;
+/** Last laser scan; null until one has come. */
 export const scan = state(/** @type {Scan | null} */ (null));
 
 // Of the viewer
@@ -214,11 +218,13 @@ export const chosen = state(0);
 export const address = computed(() => robots.value[chosen.value] ?? "");
 /** Index of the robot whose parts (named sections of data, e.g. `pose`) arrive. */
 export const watching = state(0);
+/** Name of the tab that the panel shows. */
 export const tab = state("go");
 /** Size of the sheet that holds the panel on a small screen. */
 export const sheet = state(/** @type {"closed" | "half" | "full"} */ ("closed"));
 /** Tool that a press on the map uses. */
 export const tool = state(/** @type {"move" | "go" | "measure" | "pose" | "obstacle"} */ ("move"));
+/** Mark or pose that the viewer has selected; null without one. */
 export const target = state(/** @type {Target | null} */ (null));
 /** Pose that the viewer is about to send to the robot. */
 export const draft = state(/** @type {Pose | null} */ (null));
@@ -243,6 +249,7 @@ export const layers = state({
   zones: true,
   others: true,
 });
+/** Text below the map: the last answer, or what the page itself says; null without one. */
 export const answer = state(/** @type {Answer | null} */ (null));
 /** Warnings about a pose that the viewer has dismissed, each with its robot and map. */
 export const dismissed = state(/** @type {string[]} */ ([]));
@@ -310,7 +317,7 @@ export const running = computed(() => tasks.value.find((each) => each.running));
  * @param {number} from how far along the path the former place was, in metres
  */
 export function restOfPath(whole, { x, y }, from) {
-  /** @param {number} begin @param {number} until */
+  /** Return the nearest point between two lengths along the path. @param {number} begin @param {number} until */
   const search = (begin, until) => {
     let best = { away: Infinity, along: 0, index: 0, point: whole[0] };
     let along = 0;
@@ -333,16 +340,17 @@ export function restOfPath(whole, { x, y }, from) {
   return { points: [point, ...whole.slice(index)], length, along };
 }
 
-let followed = { path: path.peek(), along: 0 }; // how far the robot has come on a path, in metres
 /** The part of the path that the robot has still to drive; null while its place is not known. */
-export const pathAhead = computed(() => {
-  if (followed.path !== path.value) followed = { path: path.value, along: 0 };
-  if (!pose.value || outdated.value || isLost.value || path.value.length < 2) return null;
-  const rest = restOfPath(path.value, pose.value, followed.along);
-  followed.along = rest.along;
-  return rest;
+export const pathAhead = state(/** @type {ReturnType<typeof restOfPath> | null} */ (null));
+let driven = { path: path.peek(), along: 0 }; // how far the robot has come on a path, in metres
+effect(() => {
+  if (driven.path !== path.value) driven = { path: path.value, along: 0 };
+  const isKnown = !outdated.value && !isLost.value && path.value.length > 1;
+  const rest = isKnown && pose.value ? restOfPath(path.value, pose.value, driven.along) : null;
+  if (rest) driven.along = rest.along;
+  pathAhead.value = rest;
 });
-/** Length of the way to the goal of the running task, in metres; empty if the path leads elsewhere. */
+/** Length of the way to the goal of the running task, in metres; empty if no path leads there. */
 export const wayLeft = computed(() => {
   const { to, command, place } = running.value ?? {};
   const mark = map.value?.marks?.find(({ number }) => number === (to || command?.args?.mark));

@@ -416,7 +416,7 @@ function drawCross(painter) {
 }
 
 /**
- * Return the place and the length of the bar that shows how long a metre is; its text is above it.
+ * Return the scale bar: its left end, in pixels, and its length, in metres. Its text is above it.
  * @param {View} view
  */
 export function scaleBar(view) {

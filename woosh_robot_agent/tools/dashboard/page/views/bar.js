@@ -1,12 +1,11 @@
 // The bar at the top: robot, link, battery, mode, alarms, and STOP, which never moves.
 
 import { html, useRef } from "../vendor/preact.js";
-import { chooseRobot, stop, tell } from "../commands.js";
+import { chooseRobot, openTab, stop, tell } from "../commands.js";
 import * as store from "../store.js";
-import { alarmCount, LANGUAGES, language, say, setLanguage, t, tOr } from "../texts.js";
-import { openTab } from "./panel.js";
-import { Icon, robotLabel, robotName, shortLabel, workText } from "./parts.js";
-import { wrongCount, wrongTone } from "./stage.js";
+import { alarmCount, LANGUAGES, language, setLanguage, t, tOr } from "../texts.js";
+import { wrongCount, wrongTone } from "./notices.js";
+import { Icon, linkText, robotLabel, robotName, shortLabel, workText } from "./parts.js";
 
 export function Bar() {
   return html`<header class="bar">
@@ -43,18 +42,6 @@ function RobotName() {
       })}
     </select>
   </h1>`;
-}
-
-/** Return the state of the connection in few words, and its cause. */
-export function linkText() {
-  const link = store.link.value;
-  if (store.problem.value) return { short: t(store.problem.value), long: "" };
-  if (!link) return { short: t("link.connecting"), long: "" };
-  if (link.silence) {
-    return { short: t("link.noData", { seconds: link.silence }), long: t("link.noDataReason") };
-  }
-  const long = [say(link.error), link.advice && t("link.doctor", { options: link.advice })];
-  return { short: t(`link.${link.state}`), long: long.filter(Boolean).join(". ") };
 }
 
 function LinkChip() {

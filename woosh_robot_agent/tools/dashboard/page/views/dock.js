@@ -8,7 +8,7 @@ import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
 import { degrees, goalText, Icon, placeText, speedTexts, useSettling } from "./parts.js";
 import { TaskOptions } from "./go.js";
-import { notices } from "./stage.js";
+import { remedyOf } from "./notices.js";
 import { taskButtons, taskState } from "./tasks.js";
 
 const TURN = Math.PI / 180; // radians by which a button turns the pose
@@ -90,19 +90,14 @@ function CurrentTask() {
   const isAuto = store.robot.value?.control === "auto";
   const mayDrive = !isHeld && !refusal("drive") && isAuto && !isBusy && !hasFault();
   const speed = store.stickLimits.value.linear;
-  const title = stateText();
+  const { title, notice } = shownState();
   const hints = [
-    remedyOf(title),
+    remedyOf(notice),
     mayGo && t(store.tool.value === "go" ? "dock.hint" : "dock.hintMove"),
     mayDrive && speed && t("dock.hintDrive", { speed: speed.toFixed(2) }),
     limitText(),
   ];
   return html`<${Now} title=${title} text=${hints.filter(Boolean).join(" ")} />`;
-}
-
-/** Return the remedy of the notice with this title, or short title; empty without one. @param {unknown} title */
-function remedyOf(title) {
-  return notices().find((each) => (each.short ?? each.title) === title)?.text ?? "";
 }
 
 /** Return the speed limit; empty without one. */
@@ -127,19 +122,24 @@ function Now({ title, text, remedy = "", more = "", button }) {
   </div>`;
 }
 
-/** Return the speed, or why the robot takes no task, or else its state. */
-function stateText() {
+/**
+ * Return the speed, or why the robot takes no task, or else its state.
+ * @returns {{title: unknown, notice: string}}  notice: name of the notice about it; may be empty
+ */
+function shownState() {
   const { robot, pose, outdated } = store;
   const { linear = 0, angular = 0 } = pose.value ?? {};
   const drives = linear || angular || (store.held.value && !refusal("drive"));
   if (pose.value && !outdated.value && drives) {
     const [forward, turn] = speedTexts(pose.value);
-    return html`<span class="speed">${forward}</span> · ${turn}`;
+    return { title: html`<span class="speed">${forward}</span> · ${turn}`, notice: "" };
   }
   const reason = refusal("go");
-  if (reason && reason.key !== "reason.controlled") return say(reason);
-  const state = hasFault() ? "fault" : (robot.value?.state ?? "");
-  return tOr(`state.${state}`, state);
+  if (reason && reason.key !== "reason.controlled")
+    return { title: say(reason), notice: reason.objection ?? "" };
+  if (hasFault()) return { title: t("state.fault"), notice: "fault" };
+  const state = robot.value?.state ?? "";
+  return { title: tOr(`state.${state}`, state), notice: "" };
 }
 
 const hasFault = () => store.robot.value?.problems.some(({ level }) => level === "fault");
@@ -257,10 +257,10 @@ function Running() {
   if (!task) return null;
   const entry = store.running.value; // knows where the task goes
   const target = store.target.value;
-  const [notContinued, notSent] = [
-    task.state === "paused" && refusal("continue"),
-    target && refusal(target.command),
-  ].map((each) => each && say(each));
+  const hindrance = task.state === "paused" ? refusal("continue") : null;
+  const notContinued = hindrance ? say(hindrance) : "";
+  const reason = target && refusal(target.command);
+  const notSent = reason ? say(reason) : "";
   // the robot's own text may say the same as the reason
   const text = [taskState(task), notContinued || task.text].filter(Boolean).join(" · ");
   const keeps = !notContinued && !target && t("dock.keeps");
@@ -270,9 +270,9 @@ function Running() {
     notSent !== notContinued && notSent, // one reason is shown once
   ];
   return html`<${Now}
-      title=${entry ? goalText(entry) : stateText()}
+      title=${entry ? goalText(entry) : shownState().title}
       text=${[text, keeps && html`<span class="keeps">${` · ${keeps}`}</span>`]}
-      remedy=${notContinued && !target ? remedyOf(notContinued) : ""}
+      remedy=${hindrance?.objection && !target ? remedyOf(hindrance.objection) : ""}
       more=${more.filter(Boolean).join(" · ")}
       button=${target && html`<${Dismiss} />`}
     />
@@ -342,7 +342,7 @@ export function ReadOnly() {
   const task = store.robot.value?.task;
   const entry = store.running.value;
   const target = store.target.value;
-  const title = task?.running && entry ? goalText(entry) : stateText();
+  const title = task?.running && entry ? goalText(entry) : shownState().title;
   const text = task?.running ? taskState(task) : t("dock.looking");
   return html`<section class="dock looking" aria-label=${t("dock.name")}>
     ${target ? html`<div class="doing"><${Preview} /></div>` : html`<${Now} title=${title} text=${text} />`}

@@ -1,15 +1,16 @@
 // The panel: tabs, and the content of the chosen tab. On a small screen: a sheet over the map.
 
-import { batch, html, useEffect, useState } from "../vendor/preact.js";
+import { html, useEffect, useState } from "../vendor/preact.js";
+import { openTab } from "../commands.js";
 import * as store from "../store.js";
 import { t } from "../texts.js";
 import { Fleet } from "./fleet.js";
 import { Go } from "./go.js";
 import { MapTab } from "./map_tab.js";
+import { wrongCount, wrongTone } from "./notices.js";
 import { compact, Icon } from "./parts.js";
 import { Setup } from "./setup.js";
 import { Simulator } from "./simulator.js";
-import { wrongCount, wrongTone } from "./stage.js";
 import { State } from "./state.js";
 import { Tasks } from "./tasks.js";
 
@@ -32,16 +33,6 @@ function visibleTabs() {
     (name) =>
       (name !== "fleet" || hasFleet) && (name !== "simulator" || store.simulator.value !== null),
   );
-}
-
-/** Show a tab. @param {string} name */
-export function openTab(name) {
-  batch(() => {
-    if (name !== "simulator" && store.tool.value === "obstacle") store.tool.value = "go";
-    store.tab.value = name;
-    if (store.sheet.value === "closed") store.sheet.value = "half";
-  });
-  document.querySelector(".panel")?.scrollTo(0, 0);
 }
 
 /** @param {string} name */

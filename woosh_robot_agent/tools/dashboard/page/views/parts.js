@@ -1,8 +1,8 @@
-// Small things that several views use: icons, and names of robots, places and tasks.
+// Small things that several views use: icons, and texts about robots, links, places and tasks.
 
 import { html, useEffect, useState } from "../vendor/preact.js";
 import * as store from "../store.js";
-import { t, tOr } from "../texts.js";
+import { say, t, tOr } from "../texts.js";
 
 const SETTLE = 1000; // milliseconds for which buttons that replace others are disabled
 
@@ -92,6 +92,18 @@ export function shortLabel(robot) {
 export function ofRobot(robot) {
   const label = shortLabel(robot);
   return label && ` (${label})`;
+}
+
+/** Return the state of the connection in few words, and its cause. */
+export function linkText() {
+  const link = store.link.value;
+  if (store.problem.value) return { short: t(store.problem.value), long: "" };
+  if (!link) return { short: t("link.connecting"), long: "" };
+  if (link.silence) {
+    return { short: t("link.noData", { seconds: link.silence }), long: t("link.noDataReason") };
+  }
+  const long = [say(link.error), link.advice && t("link.doctor", { options: link.advice })];
+  return { short: t(`link.${link.state}`), long: long.filter(Boolean).join(". ") };
 }
 
 /**

@@ -1,48 +1,14 @@
-// The map with its tools, and the notices over it.
+// The map with its tools, the notices over it, and the line below it.
 
-import { computed, html, useEffect, useRef, useState } from "../vendor/preact.js";
-import { refusal } from "../allowed.js";
+import { html, useEffect, useRef, useState } from "../vendor/preact.js";
 import * as commands from "../commands.js";
 import { MapCanvas, ZOOM_STEP } from "../map/map.js";
 import * as store from "../store.js";
-import { clock, meaningOf, moment, say, t } from "../texts.js";
-import { linkText } from "./bar.js";
-import { openTab, useMatches } from "./panel.js";
-import {
-  alarmText,
-  Icon,
-  mapText,
-  objectionText,
-  ofRobot,
-  placeText,
-  tiny,
-  toneOf,
-} from "./parts.js";
+import { clock, say, t } from "../texts.js";
+import { notices, otherProblems } from "./notices.js";
+import { useMatches } from "./panel.js";
+import { alarmText, Icon, mapText, ofRobot, placeText, tiny } from "./parts.js";
 import { outcomeText, TONES } from "./tasks.js";
-
-/** @typedef {[string, () => void]} Action  text of a button, and what it does */
-/**
- * @typedef {{tone: string, title: string, text: string, action?: Action, short?: string}} Notice
- *   tone: a CSS class; short: title in the dock, if it is another one
- */
-
-// Status codes that say the same as an objection, by its name, without their last digit: the level.
-/** @type {Record<string, string[]>} */
-const SAME_CODES = {
-  emergency_stop: ["11020100001", "11020100002", "11020100003"],
-  lost: ["13010300001"],
-  not_initialised: ["13010300001"],
-};
-
-/** Number of the entries in the list of what is wrong, in the tab State. */
-export const wrongCount = computed(
-  () => store.alarms.value.size + notices().length + otherProblems().length,
-);
-/** CSS class of the worst entry; empty if there are none. */
-export const wrongTone = computed(() => {
-  const isBad = store.alarms.value.size || notices().some(({ tone }) => tone === "bad");
-  return isBad ? "bad" : wrongCount.value ? "warn" : "";
-});
 
 /** @type {Record<string, [string, string][]>} how each layer looks: paths in 24 x 24 pixels with their style */
 const SWATCHES = {
@@ -268,7 +234,7 @@ function Notices() {
           }
           ${
             moreCount > 0 &&
-            html`<button type="button" class="quiet" onClick=${() => openTab("state")}>
+            html`<button type="button" class="quiet" onClick=${() => commands.openTab("state")}>
               ${t("notice.more", { count: moreCount })}
             </button>`
           }
@@ -306,113 +272,6 @@ function updateCovered() {
     bottom: below ? Math.max(0, canvas.bottom - covered.top) : 0,
     left: below ? 0 : Math.max(0, covered.right - canvas.left),
   });
-}
-
-/**
- * Return the problems of the robot with their remedies, the most urgent first.
- * @returns {Notice[]}
- */
-export function notices() {
-  const robot = store.robot.value;
-  /** @type {Notice[]} */
-  const found = [];
-  if (store.lostControl.value) {
-    const [title, text] = [t("notice.lostControl"), t("notice.lostControlRemedy")];
-    found.push({ tone: "bad", title, text });
-  }
-  if (store.outdated.value) {
-    const { short, long } = linkText();
-    const { state, since = 0 } = store.link.value ?? {};
-    const isLost = state === "lost" && !store.problem.value;
-    const ended = isLost && t("notice.lostSince", { time: moment(since) });
-    const text = robot?.known ? t("notice.outdated") : t("notice.unknown");
-    found.push({ tone: "bad", title: short, text: [ended, long, text].filter(Boolean).join(" ") });
-  }
-  const limit = store.endedLimit.value;
-  if (limit) {
-    const dismiss = () => store.forgetEndedLimits([store.address.value]);
-    const [title, text] = [t("notice.limitEnded", { limit }), t("notice.limitEndedRemedy")];
-    found.push({ tone: "warn", title, text, action: [t("notice.dismiss"), dismiss] });
-  }
-  if (!robot?.known) return found;
-  const may = store.mayControl.value;
-  const locating = store.isPending("keepPose") || store.isPending("setPose");
-  /**
-   * @param {string} command
-   * @param {string} label
-   * @param {() => void} act
-   * @returns {Action | undefined}
-   */
-  const action = (command, label, act) => (may && !refusal(command) ? [label, act] : undefined);
-  const setPose = locating ? undefined : action("setPose", t("pose.set"), commands.startPose);
-  const auto = () => commands.run("controlMode", { mode: "auto" });
-  const setAuto = action("controlMode", t("control.setAuto"), auto);
-  const task = () => commands.run("workMode", { mode: "task" });
-  const setTask = action("workMode", t("work.setTask"), task);
-  /** @type {Record<string, Action | undefined>} */
-  const actions = {
-    not_initialised: setPose,
-    lost: setPose,
-    no_work_mode: setTask,
-    schedule: setTask,
-    manual: setAuto,
-    no_control_mode: setAuto,
-    maintenance: setAuto,
-  };
-  // these need no notice, or, like a fault, have another one
-  const ordinary = ["busy", "mapping", "not_taskable", "fault", "deployment"];
-  const objections = robot.objections.filter(({ name }) => !ordinary.includes(name));
-  for (const each of objections) {
-    const { reason, remedy } = objectionText(each);
-    const waits = locating && ["not_initialised", "lost"].includes(each.name);
-    const text = waits ? t("notice.locating") : remedy;
-    found.push({ tone: toneOf(each), title: reason, text, action: actions[each.name] });
-  }
-  for (const code of unexplained().filter(({ level }) => level === "fault")) {
-    const title = t("notice.fault", { text: meaningOf(code) || code.text || code.code });
-    const text = t("notice.faultRemedy", { code: code.code });
-    found.push({ tone: "bad", title, text, short: t("state.fault") });
-  }
-  const error = store.map.value?.error;
-  /** @type {Action | undefined} */
-  const maps = may && !refusal("switchMap") ? [t("tab.map"), () => openTab("map")] : undefined;
-  const noMap = maps && !store.map.value?.resolution;
-  const reason = error && (noMap ? t("map.noneRemedy", { reason: error }) : say(error));
-  if (reason) found.push({ tone: "warn", title: t("map.none"), text: reason, action: maps });
-  const standstill = store.control.value?.standstill;
-  if (standstill)
-    found.push({ tone: "warn", title: t("notice.standstill"), text: say(standstill) });
-  const doubt = store.pose.value?.doubt;
-  if (doubt && !store.dismissed.value.includes(doubtKey(doubt))) {
-    const { reason, remedy } = objectionText(doubt);
-    const dismiss = /** @type {Action} */ ([t("notice.dismiss"), () => dismissDoubt(doubt)]);
-    const action = doubt.name === "map_id_0" ? dismiss : undefined; // some maps always have the id 0
-    found.push({ tone: "warn", title: reason, text: remedy, action });
-  }
-  return found;
-}
-
-/** Return the status codes of the robot that say something else than its objections. */
-function unexplained() {
-  const { problems = [], objections = [] } = store.robot.value ?? {};
-  const same = objections.flatMap(({ name }) => SAME_CODES[name] ?? []);
-  return problems.filter(({ code }) => !same.includes(code.slice(0, -1)));
-}
-
-/** Return the status codes of the robot that are in no notice. */
-export function otherProblems() {
-  return unexplained().filter(({ level }) => level !== "fault");
-}
-
-/** @param {store.Objection} doubt */
-function doubtKey({ name }) {
-  const { scene, map } = store.shownMap.value;
-  return [store.address.value, name, scene, map].join(" ");
-}
-
-/** Do not warn of a pose again while the robot uses this map. @param {store.Objection} doubt */
-function dismissDoubt(doubt) {
-  store.dismissed.value = [...store.dismissed.value, doubtKey(doubt)];
 }
 
 /**

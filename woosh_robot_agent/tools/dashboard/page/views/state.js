@@ -4,11 +4,12 @@ import { effect, html, signal, useEffect, useState } from "../vendor/preact.js";
 import { connection } from "../commands.js";
 import * as store from "../store.js";
 import { meaningOf, moment, say, t, tOr } from "../texts.js";
-import { linkText } from "./bar.js";
+import { notices, otherProblems, wrongCount } from "./notices.js";
 import {
   alarmText,
   degrees,
   LEVEL_CLASSES,
+  linkText,
   mapText,
   objectionText,
   placeText,
@@ -16,7 +17,6 @@ import {
   workText,
 } from "./parts.js";
 import { Plot } from "./plot.js";
-import { notices, otherProblems, wrongCount } from "./stage.js";
 
 /** @typedef {[number, number | null, number | null, number | null, boolean | null]} Sample  Unix time in s, speed in
  *   m/s, battery in percent, delay in ms, true while the battery is charged */
