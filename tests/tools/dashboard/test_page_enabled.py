@@ -173,9 +173,19 @@ def test_the_dock_shows_all_of_its_texts(
     window.press(".doing #pause")
     eventually(lambda: window.is_enabled(".doing #continue"), "the paused task")
     assert keeps in window.text("#now")
-    robot.inject("emergency_stop")
-    eventually(lambda: "release the button" in window.text("#now"), "the remedy")
-    assert hidden() == 0, window.text("#now")
+    for fault, remedy in (
+        ("emergency_stop", "release the button"),
+        ("key_switch", "Turn the key switch"),
+        ("lost_localisation", "Choose Set pose"),
+    ):
+        hindrance = robot.inject(fault)
+        eventually(lambda remedy=remedy: remedy in window.text("#now"), fault)
+        assert hidden() == 0, window.text("#now")
+        # what the stick may need is not hidden
+        assert window.element("#slow").is_displayed()
+        assert window.element("#keyboard").is_displayed()
+        hindrance.clear()
+        eventually(lambda: window.is_enabled(".doing #continue"), "the end of it")
 
 
 def test_the_target_beside_a_paused_task_can_be_dropped(

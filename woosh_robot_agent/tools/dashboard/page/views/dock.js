@@ -108,17 +108,16 @@ function limitText() {
 
 /**
  * Texts about the robot. While its state is outdated, a notice replaces `text`.
- * @param {{title: unknown, text: unknown, remedy?: string, more?: string, button?: unknown}} props
+ * @param {{title: unknown, text: unknown, more?: string, button?: unknown}} props
  */
-function Now({ title, text, remedy = "", more = "", button }) {
+function Now({ title, text, more = "", button }) {
   const old = store.outdated.value;
   return html`<div class="now ${old ? "old" : ""}" id="now">
     <b>${title}</b>
     <p role="status">
       ${old ? t(store.robot.value?.known ? "notice.outdated" : "notice.unknown") : text}
     </p>
-    ${remedy && !old && html`<p class="remedy">${remedy}</p>`} ${button}
-    ${more && html`<p>${more}</p>`}
+    ${button} ${more && html`<p>${more}</p>`}
   </div>`;
 }
 
@@ -261,8 +260,10 @@ function Running() {
   const notContinued = hindrance ? say(hindrance) : "";
   const reason = target && refusal(target.command);
   const notSent = reason ? say(reason) : "";
-  // the robot's own text may say the same as the reason
-  const text = [taskState(task), notContinued || task.text].filter(Boolean).join(" · ");
+  // the notice says the reason; where it is in no notice, the robot's own text may say the same
+  const remedy = hindrance?.objection && !target ? remedyOf(hindrance.objection) : "";
+  const told = remedy || notContinued || task.text;
+  const text = [taskState(task), told].filter(Boolean).join(" · ");
   const keeps = !notContinued && !target && t("dock.keeps");
   const more = [
     limitText(),
@@ -272,7 +273,6 @@ function Running() {
   return html`<${Now}
       title=${entry ? goalText(entry) : shownState().title}
       text=${[text, keeps && html`<span class="keeps">${` · ${keeps}`}</span>`]}
-      remedy=${hindrance?.objection && !target ? remedyOf(hindrance.objection) : ""}
       more=${more.filter(Boolean).join(" · ")}
       button=${target && html`<${Dismiss} />`}
     />
@@ -342,8 +342,10 @@ export function ReadOnly() {
   const task = store.robot.value?.task;
   const entry = store.running.value;
   const target = store.target.value;
-  const title = task?.running && entry ? goalText(entry) : shownState().title;
-  const text = task?.running ? taskState(task) : t("dock.looking");
+  const state = shownState();
+  const title = task?.running && entry ? goalText(entry) : state.title;
+  const looking = [remedyOf(state.notice), t("dock.looking")].filter(Boolean).join(" ");
+  const text = task?.running ? taskState(task) : looking;
   return html`<section class="dock looking" aria-label=${t("dock.name")}>
     ${target ? html`<div class="doing"><${Preview} /></div>` : html`<${Now} title=${title} text=${text} />`}
   </section>`;
