@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
@@ -12,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.link.link_peer import TIMEOUT, Frame, aio, eventually, soon, turns
-from tests.motion.gate_checks import NEVER, RUNNING, Rig, feedback, gated, ok, speeds
+from tests.link.link_peer import INFO, TIMEOUT, Frame, Wire, aio, eventually, soon, turns
+from tests.motion.gate_checks import NEVER, RUNNING, Rig, answer_all, feedback, gated, ok, speeds
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion import (
@@ -23,6 +24,7 @@ from woosh_robot_agent.motion import (
     VelocityLimits,
 )
 from woosh_robot_agent.motion.velocity_driver import Pace
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Follow, Speak, Twist
 
 LIMITS = VelocityLimits(max_linear=1.0, max_angular=1.0, rate=100.0, timeout=NEVER)
@@ -61,8 +63,12 @@ class Stream:
 
 
 @asynccontextmanager
-async def driving(hold: float = NEVER, **limits: float) -> AsyncIterator[Stream]:
-    async with gated(hold=hold) as rig:
+async def driving(
+    script: Callable[[Wire, Frame], Awaitable[bool]] = answer_all,
+    hold: float = NEVER,
+    **limits: float,
+) -> AsyncIterator[Stream]:
+    async with gated(script, hold=hold) as rig:
         stream = Stream(rig, replace(LIMITS, **limits))  # type: ignore[arg-type]
         running = asyncio.ensure_future(stream.driver.run())
         try:
@@ -253,6 +259,21 @@ async def test_a_stop_silences_the_stream_until_a_zero_or_a_pause(until: str) ->
             stream.gate.timing = replace(stream.gate.timing, pause=0.0)
         stream.drive(0.3)
         await stream.sent(0.1, 0.0, 0.3)
+
+
+@aio
+async def test_a_stall_of_the_agent_is_no_pause_of_the_sender() -> None:
+    async with driving(hold=0.0, rate=1e9) as stream:
+        stream.gate.timing = replace(stream.gate.timing, pause=0.7, settle=0.0)
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        assert (await soon(stream.gate.stop(TIMEOUT))).success
+        stream.drive(0.2)
+        time.sleep(0.8)  # the sender goes on, but nobody receives what it sends
+        for _ in range(2):  # the first one may have been sent during the stall
+            stream.drive(0.2)
+            await stream.settle()
+        await stream.sent(0.1, 0.0)
 
 
 @pytest.mark.parametrize("meanwhile", ["nothing", "a task", "it stands"])

@@ -353,6 +353,12 @@ class MotionGate:
         return self._velocities.is_answer_overdue
 
     @property
+    def stall_ended(self) -> float:
+        """Loop time at which the end of the last stall was noticed; -inf before the first."""
+        self._stalls.check()
+        return self._stalls.ended
+
+    @property
     def owner(self) -> str:
         """What drives the robot: "a goal", or else `reported_owner`; empty if nothing does."""
         return _GOAL if self._open_goals() else self._reported_owner.name

@@ -217,7 +217,9 @@ class VelocityDriver:
             self.log_refusal("value", said_by(error))
             return
         now = asyncio.get_running_loop().time()
-        has_paused, self._received = now - self._received > self._gate.timing.pause, now
+        # during a stall of this process, it received nothing from a sender that went on
+        silent_since, self._received = max(self._received, self._gate.stall_ended), now
+        has_paused = now - silent_since > self._gate.timing.pause
         published = min(published, now)
         moves = any(values)
         if not moves or has_paused:
