@@ -111,6 +111,21 @@ def test_each_velocity_is_within_the_limits_or_refused(
 
 
 @aio
+async def test_a_velocity_that_the_limits_reduce_to_zero_stops_nothing_but_the_stream() -> None:
+    """Zeros at the rate would stop a robot that another client drives."""
+    async with driving(max_angular=0.0) as stream:
+        for _ in range(3):
+            stream.drive(0.0, angular=0.5)
+            stream.drive(1e-50)  # zero as a float32
+            await stream.settle()
+        stream.drive(0.1)
+        for _ in range(3):
+            stream.drive(0.0, angular=0.5)
+            await stream.settle()
+        await stream.sent(0.1, 0.0)
+
+
+@aio
 async def test_only_the_newest_velocity_is_sent_at_the_rate() -> None:
     async with driving(rate=0.001) as stream:
         stream.drive(0.1)

@@ -241,7 +241,7 @@ class VelocityDriver:
                 f"{self._max_age:g} s are allowed; check the load of this computer and the network "
                 "to the sender, and synchronise the clocks if several computers send velocities"
             )
-        elif moves or self._has_to_stop():  # rule 8
+        elif may_move(limited) or self._has_to_stop():  # rule 8; the limits may make it a zero
             self._log.clear()  # later refusals are logged again
             self._published = published
             self._waiting = limited
