@@ -297,7 +297,8 @@ class GoalRun:
                 self._link_changed(ready)
             case CancelRequested():
                 self._cancellation.pending = True
-                if self.phase.accepted:  # otherwise it is sent once the goal is accepted
+                # otherwise it is sent once the goal is accepted, or with the next report on it
+                if self.phase.accepted and not self._is_displaced:
                     self._cancellation.send_soon()
             case Replaced():
                 return self._aborted(REPLACED)
