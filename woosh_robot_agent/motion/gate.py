@@ -242,6 +242,7 @@ class MotionGate:
         message: Message,
         timeout: float | None = None,
         *,
+        urgent: bool = False,
         tap: Callable[[Answer], None] | None = None,
         sender: Sender = _SELF,
     ) -> Answer:
@@ -250,6 +251,7 @@ class MotionGate:
         Args:
             message: the command.
             timeout: time to wait for the answer, in seconds; by default that of the request.
+            urgent: True to send it even if `max_in_flight` requests are in flight.
             tap: callback that gets the answer in order with the pushes of the chassis.
             sender: who wants the command.
 
@@ -257,7 +259,7 @@ class MotionGate:
             SupersededError: the rules forbid sending it; nothing was sent.
             LinkError: as in `ChassisClient.request`.
         """
-        how = Sending(timeout, tap=tap)
+        how = Sending(timeout, urgent=urgent, tap=tap)
         requested = asyncio.get_running_loop().time()
         if commands_motion(message):
             answer = await self._request(message, how, sender)

@@ -120,7 +120,9 @@ class GoalRun:
         self._give_up = GiveUp(self._timing, self._clock)
         self._cancellation = Cancellation(
             kind.name,
-            send=lambda: context.gate.request(kind.cancel_request(), sender=Sender(GOAL_CANCEL)),
+            send=lambda: context.gate.request(
+                kind.cancel_request(), urgent=True, sender=Sender(GOAL_CANCEL)
+            ),
             is_replaced=lambda: context.open_goals.newer_accepted(self),
             on_accepted=self._give_up.cancel_accepted,
         )
