@@ -325,6 +325,30 @@ async def test_after_a_lost_link_the_robot_gets_a_zero_and_nothing_that_was_kept
 
 
 @aio
+async def test_after_a_lost_link_no_zero_is_sent_before_it_is_known_what_drives_the_robot() -> None:
+    """A robot may report much at the beginning of a link, ahead of its task."""
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] != INFO or len(wire.peer.wires) == 1:
+            return await answer_all(wire, frame)
+        for code in range(50):
+            await wire.push("woosh.robot.count.StatusCode", {"code": str(code)})
+        await wire.answer(frame, {"taskProc": RUNNING})
+        return True
+
+    async with driving(script) as stream:
+        rig = stream.rig
+        rig.client.subscribe(StatusCode, lambda _: time.sleep(0.002))
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        rig.wire.abort()
+        await rig.second_wire()
+        await eventually(lambda: stream.gate.owner)
+        await stream.settle()
+        await stream.sent()
+
+
+@aio
 async def test_velocities_that_are_not_permitted_are_refused_and_silence_the_stream() -> None:
     async with driving() as stream:
         stream.rig.client.permit_only(

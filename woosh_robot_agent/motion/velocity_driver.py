@@ -329,11 +329,13 @@ class VelocityDriver:
             self._needs_zero = self._needs_zero or self._driving
             self._driving = False
         elif self._needs_zero:  # rule 7
-            self._needs_zero = False
-            # after the first RobotInfo has been delivered, which reports a running task
-            asyncio.get_running_loop().call_soon(self._zero_after_loss)
+            # after the first RobotInfo, which reports a running task
+            self._chassis.after_pushes(self._zero_after_loss)
 
     def _zero_after_loss(self) -> None:
         """Stop the robot, unless a goal, a task or an action drives it."""
-        if not self._gate.owner:
-            self._send(Twist())
+        # if the link is lost once more: when it is back
+        if self._needs_zero and self._chassis.state is LinkState.READY:
+            self._needs_zero = False
+            if not self._gate.owner:
+                self._send(Twist())
