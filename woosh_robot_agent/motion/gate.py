@@ -234,8 +234,7 @@ class MotionGate:
         self._drops = DropLog(_LOG)
         self.superseded = 0
         chassis.on_state(self._link_changed)
-        if chassis.state is LinkState.READY:
-            self._stalls.start()
+        self._link_changed(chassis.state)
 
     async def request(
         self,
@@ -477,7 +476,7 @@ class MotionGate:
             self._drives_until = -math.inf
 
     def _link_changed(self, state: LinkState) -> None:
-        if state is LinkState.READY:
+        if state in (LinkState.CONNECTING, LinkState.READY):
             self._stalls.start()
         else:
             self._stalls.stop()
