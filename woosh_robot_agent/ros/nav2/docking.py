@@ -209,8 +209,8 @@ class UndockRobot(_Docking):
         distance, _ = _nearest(await self.chargers(), here)
         if distance > _DOCKED:
             raise GoalEnd(
-                "the robot is in no charger: it does not charge by itself, and no charger is within "
-                f"{_DOCKED:g} m of it",
+                "the robot is in no charger: it does not charge by itself, and no charger is "
+                f"within {_DOCKED:g} m of it",
                 "DOCK_NOT_VALID",
             )
 
