@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import Frame, aio, block, eventually, soon, turns
+from tests.link.link_peer import INFO, Frame, Wire, aio, block, eventually, soon, turns
 from tests.motion.gate_checks import (
     TWIST,
     Rig,
+    answer_all,
     answer_nothing,
     every_moving_request,
     gated,
@@ -370,6 +371,25 @@ async def test_a_stall_is_noticed_wherever_it_lies_between_two_heartbeats() -> N
             time.sleep(0.31)
             with pytest.raises(SupersededError, match="stood still for"):
                 await soon(rig.drive(2, sender=sent(0.0)))
+
+
+@aio
+async def test_a_stall_while_the_link_is_being_made_counts() -> None:
+    """Otherwise a command of that time would be executed as soon as the link is ready."""
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] != INFO:
+            return await answer_all(wire, frame)
+        await wire.answer(frame)
+        if len(wire.peer.wires) > 1:
+            hold_up()  # the answer arrives meanwhile
+        return True
+
+    async with gated(script) as rig:
+        rig.wire.abort()
+        await rig.second_wire()
+        with pytest.raises(SupersededError, match="stood still for"):
+            await soon(rig.drive(1, sender=sent(0.2)))
 
 
 @aio

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
@@ -12,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.link.link_peer import TIMEOUT, Frame, aio, eventually, soon, turns
-from tests.motion.gate_checks import NEVER, RUNNING, Rig, feedback, gated, ok, speeds
+from tests.link.link_peer import INFO, TIMEOUT, Frame, Wire, aio, eventually, soon, turns
+from tests.motion.gate_checks import NEVER, RUNNING, Rig, answer_all, feedback, gated, ok, speeds
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion import (
@@ -23,6 +24,7 @@ from woosh_robot_agent.motion import (
     VelocityLimits,
 )
 from woosh_robot_agent.motion.velocity_driver import Pace
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Follow, Speak, Twist
 
 LIMITS = VelocityLimits(max_linear=1.0, max_angular=1.0, rate=100.0, timeout=NEVER)
@@ -61,8 +63,12 @@ class Stream:
 
 
 @asynccontextmanager
-async def driving(hold: float = NEVER, **limits: float) -> AsyncIterator[Stream]:
-    async with gated(hold=hold) as rig:
+async def driving(
+    script: Callable[[Wire, Frame], Awaitable[bool]] = answer_all,
+    hold: float = NEVER,
+    **limits: float,
+) -> AsyncIterator[Stream]:
+    async with gated(script, hold=hold) as rig:
         stream = Stream(rig, replace(LIMITS, **limits))  # type: ignore[arg-type]
         running = asyncio.ensure_future(stream.driver.run())
         try:
@@ -102,6 +108,21 @@ def test_each_velocity_is_within_the_limits_or_refused(
     assert abs(limited.angular) <= angular * (1 + 1e-6) + 1e-40
     if math.hypot(*values[:2]) <= linear and abs(values[2]) <= angular:
         assert limited == velocity
+
+
+@aio
+async def test_a_velocity_that_the_limits_reduce_to_zero_stops_nothing_but_the_stream() -> None:
+    """Zeros at the rate would stop a robot that another client drives."""
+    async with driving(max_angular=0.0) as stream:
+        for _ in range(3):
+            stream.drive(0.0, angular=0.5)
+            stream.drive(1e-50)  # zero as a float32
+            await stream.settle()
+        stream.drive(0.1)
+        for _ in range(3):
+            stream.drive(0.0, angular=0.5)
+            await stream.settle()
+        await stream.sent(0.1, 0.0)
 
 
 @aio
@@ -255,6 +276,21 @@ async def test_a_stop_silences_the_stream_until_a_zero_or_a_pause(until: str) ->
         await stream.sent(0.1, 0.0, 0.3)
 
 
+@aio
+async def test_a_stall_of_the_agent_is_no_pause_of_the_sender() -> None:
+    async with driving(hold=0.0, rate=1e9) as stream:
+        stream.gate.timing = replace(stream.gate.timing, pause=0.7, settle=0.0)
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        assert (await soon(stream.gate.stop(TIMEOUT))).success
+        stream.drive(0.2)
+        time.sleep(0.8)  # the sender goes on, but nobody receives what it sends
+        for _ in range(2):  # the first one may have been sent during the stall
+            stream.drive(0.2)
+            await stream.settle()
+        await stream.sent(0.1, 0.0)
+
+
 @pytest.mark.parametrize("meanwhile", ["nothing", "a task", "it stands"])
 @aio
 async def test_after_a_lost_link_the_robot_gets_a_zero_and_nothing_that_was_kept(
@@ -286,6 +322,30 @@ async def test_after_a_lost_link_the_robot_gets_a_zero_and_nothing_that_was_kept
             await stream.sent(*zeros)
             await stream.settle()
             await stream.sent(*zeros)
+
+
+@aio
+async def test_after_a_lost_link_no_zero_is_sent_before_it_is_known_what_drives_the_robot() -> None:
+    """A robot may report much at the beginning of a link, ahead of its task."""
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] != INFO or len(wire.peer.wires) == 1:
+            return await answer_all(wire, frame)
+        for code in range(50):
+            await wire.push("woosh.robot.count.StatusCode", {"code": str(code)})
+        await wire.answer(frame, {"taskProc": RUNNING})
+        return True
+
+    async with driving(script) as stream:
+        rig = stream.rig
+        rig.client.subscribe(StatusCode, lambda _: time.sleep(0.002))
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        rig.wire.abort()
+        await rig.second_wire()
+        await eventually(lambda: stream.gate.owner)
+        await stream.settle()
+        await stream.sent()
 
 
 @aio

@@ -40,6 +40,7 @@ from tests.node.goals import (
 )
 from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
+from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import RobotState
 
 ACTIONS = ("robot/ExecTask", "ros/StepControl", "ros/LiftControl", "ros/LiftControl3")
@@ -196,6 +197,21 @@ def test_cancel_near_the_end_of_the_goal_gives_one_result(robot: Robot, turn: in
     assert short_task(robot, 0.1).result()[0] == SUCCEEDED, (
         "the first goal must not affect the next one"
     )
+
+
+def test_cancel_of_a_displaced_task_does_not_hit_the_task_of_another_client(robot: Robot) -> None:
+    """The end of the first task was not reported, or is reported later."""
+    goal = until(task(robot, task_id=4), EXECUTING)
+    robot.chassis.mute(TASK_PROC)  # the agent polls
+    reports = robot.echo(TaskProc, "robot/TaskProc")
+    robot.chassis.push(proc(9, EXECUTING))
+    reports.wait(lambda report: report.robot_task_id == 9)
+    goal.cancel()
+    wait_served(robot)
+    assert robot.chassis.counts[ACTION_ORDER] == 0
+    robot.chassis.push(proc(4, EXECUTING, "again"))  # the cancel is not lost
+    assert goal.result()[0] == CANCELED
+    assert robot.chassis.counts[ACTION_ORDER] == 1
 
 
 @each_kind

@@ -242,6 +242,29 @@ def test_urgent_entities_wait_for_one_callback_at_most(rig: Rig) -> None:
     assert rig.spin(2) == ["first", "urgent", "second"]
 
 
+def test_a_flood_for_an_urgent_entity_holds_up_no_other(rig: Rig) -> None:
+    again: list[Make] = []
+
+    def flooded(_message: Any) -> None:
+        rig.ran.append("flood")
+        if again:
+            again[0]()  # the next message is there before the next callback
+
+    flood = rig.subscription("flood", flooded, callback_group=UrgentCallbackGroup())
+    stop = rig.service("stop", callback_group=UrgentCallbackGroup())
+    other = rig.subscription("other")
+    rig.use(flood, stop, other)
+    again.append(flood)
+    flood()
+    assert rig.spin(3) == ["flood"] * 3
+    stop()
+    other()
+    rig.spin(6)
+    again.clear()
+    assert "stop" in rig.ran
+    assert "other" in rig.ran
+
+
 def test_all_requests_of_a_service_run_in_one_turn(rig: Rig, waits: Counter[str]) -> None:
     call = rig.service("service")
     rig.use(call)

@@ -14,7 +14,16 @@ from tests.harness import Logs, Robot, wait_future, wait_until
 from tests.motion.moving import MOVING
 from tests.motion.test_requests import COMMAND_MOTION
 from tests.node.cmd_vel import Sender
-from tests.node.goals import ABORTED, EXECUTE, short_task, step, step_goal, task
+from tests.node.goals import (
+    ABORTED,
+    CANCELED,
+    EXECUTE,
+    short_task,
+    slow_down,
+    step,
+    step_goal,
+    task,
+)
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS
@@ -65,6 +74,18 @@ def test_stop_is_sent_even_when_too_many_requests_are_in_flight(simulator, conne
     client.call_async(Speak, "robot/Speak")
     simulator.wait_received(SPEAK)
     assert client.call(Trigger, "stop").success
+
+
+def test_a_cancel_is_sent_even_when_too_many_requests_are_in_flight(simulator, connect, client):
+    connect(max_in_flight=1)
+    slow_down(simulator)
+    goal = step(client, 5.0)
+    goal.feedback.wait_count(1)
+    simulator.mute(SPEAK)
+    client.call_async(Speak, "robot/Speak")
+    simulator.wait_received(SPEAK)
+    goal.cancel()
+    assert goal.result()[0] == CANCELED
 
 
 def test_stop_withdraws_what_waits_to_be_sent(robot: Robot):

@@ -268,6 +268,10 @@ class Subscriptions:
         """Queue an answer for `tap`, in order with the pushes."""
         self._target.put(_ANSWER, partial(call_logged, tap, answer))
 
+    def put_call(self, callback: Callable[[], None]) -> None:
+        """Queue a call of `callback`, in order with the pushes."""
+        self._target.put(_ANSWER, partial(call_logged, lambda _: callback(), None))
+
     @property
     def _target(self) -> PushQueue:
         """The queue for pushes and answers that arrive now."""

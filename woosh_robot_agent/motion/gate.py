@@ -234,14 +234,14 @@ class MotionGate:
         self._drops = DropLog(_LOG)
         self.superseded = 0
         chassis.on_state(self._link_changed)
-        if chassis.state is LinkState.READY:
-            self._stalls.start()
+        self._link_changed(chassis.state)
 
     async def request(
         self,
         message: Message,
         timeout: float | None = None,
         *,
+        urgent: bool = False,
         tap: Callable[[Answer], None] | None = None,
         sender: Sender = _SELF,
     ) -> Answer:
@@ -250,6 +250,7 @@ class MotionGate:
         Args:
             message: the command.
             timeout: time to wait for the answer, in seconds; by default that of the request.
+            urgent: True to send it even if `max_in_flight` requests are in flight.
             tap: callback that gets the answer in order with the pushes of the chassis.
             sender: who wants the command.
 
@@ -257,7 +258,7 @@ class MotionGate:
             SupersededError: the rules forbid sending it; nothing was sent.
             LinkError: as in `ChassisClient.request`.
         """
-        how = Sending(timeout, tap=tap)
+        how = Sending(timeout, urgent=urgent, tap=tap)
         requested = asyncio.get_running_loop().time()
         if commands_motion(message):
             answer = await self._request(message, how, sender)
@@ -351,6 +352,12 @@ class MotionGate:
     def is_answer_overdue(self) -> bool:
         """True if velocities are held back, because the chassis has not answered an earlier one."""
         return self._velocities.is_answer_overdue
+
+    @property
+    def stall_ended(self) -> float:
+        """Loop time at which the end of the last stall was noticed; -inf before the first."""
+        self._stalls.check()
+        return self._stalls.ended
 
     @property
     def owner(self) -> str:
@@ -469,7 +476,7 @@ class MotionGate:
             self._drives_until = -math.inf
 
     def _link_changed(self, state: LinkState) -> None:
-        if state is LinkState.READY:
+        if state in (LinkState.CONNECTING, LinkState.READY):
             self._stalls.start()
         else:
             self._stalls.stop()

@@ -184,15 +184,19 @@ class SpeedLimiter:
             return
         if self.refusal or not self._navigation:
             return
-        was_limited, self._sent = self.is_limited, self._limit
+        self._note_sent(self._limit)
+        self._start(self._send_limit(self._navigation, self._limit))
+
+    def _note_sent(self, limit: float) -> None:
+        """Note the limit that the robot gets, or `_UNKNOWN`."""
+        was_limited, self._sent = self.is_limited, limit
         if self.is_limited != was_limited:
             self._on_change()
-        self._start(self._send_limit(self._navigation, self._limit))
 
     async def _send_limit(self, navigation: int, limit: float) -> None:
         """Send a limit.
 
-        A refusal counts only if neither the navigation nor the limit has changed meanwhile.
+        A refusal ends the attempts for this navigation, unless the limit has changed meanwhile.
 
         Args:
             navigation: current value of `_navigation`.
@@ -205,12 +209,12 @@ class SpeedLimiter:
         except LinkError as error:
             if not isinstance(error, NotConnectedError):  # the link logs this itself
                 _LOG.warning("the speed limit was not sent or not answered: %s", error)
-            self._sent = _UNKNOWN  # sent again with the next report
+            self._note_sent(_UNKNOWN)  # sent again with the next report
             return
-        if answer.ok or navigation != self._navigation:
+        if answer.ok:
             return
-        self._sent = _UNKNOWN
-        if limit != self._limit:
+        self._note_sent(_UNKNOWN)
+        if limit != self._limit or navigation != self._navigation:
             return
         self.refusal = answer.reason
         if math.isfinite(limit):  # otherwise the robot is at most slower than it may be

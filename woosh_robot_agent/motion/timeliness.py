@@ -121,9 +121,9 @@ class StallWatch:
         self._timer: asyncio.TimerHandle | None = None
 
     def start(self) -> None:
-        """Start watching the running event loop."""
-        self.stop()
-        self._beat(asyncio.get_running_loop())
+        """Start watching the running event loop, unless it is being watched."""
+        if self._timer is None:
+            self._beat(asyncio.get_running_loop())
 
     def stop(self) -> None:
         """Stop watching."""

@@ -217,7 +217,9 @@ class VelocityDriver:
             self.log_refusal("value", said_by(error))
             return
         now = asyncio.get_running_loop().time()
-        has_paused, self._received = now - self._received > self._gate.timing.pause, now
+        # during a stall of this process, it received nothing from a sender that went on
+        silent_since, self._received = max(self._received, self._gate.stall_ended), now
+        has_paused = now - silent_since > self._gate.timing.pause
         published = min(published, now)
         moves = any(values)
         if not moves or has_paused:
@@ -239,7 +241,7 @@ class VelocityDriver:
                 f"{self._max_age:g} s are allowed; check the load of this computer and the network "
                 "to the sender, and synchronise the clocks if several computers send velocities"
             )
-        elif moves or self._has_to_stop():  # rule 8
+        elif may_move(limited) or self._has_to_stop():  # rule 8; the limits may make it a zero
             self._log.clear()  # later refusals are logged again
             self._published = published
             self._waiting = limited
@@ -327,11 +329,13 @@ class VelocityDriver:
             self._needs_zero = self._needs_zero or self._driving
             self._driving = False
         elif self._needs_zero:  # rule 7
-            self._needs_zero = False
-            # after the first RobotInfo has been delivered, which reports a running task
-            asyncio.get_running_loop().call_soon(self._zero_after_loss)
+            # after the first RobotInfo, which reports a running task
+            self._chassis.after_pushes(self._zero_after_loss)
 
     def _zero_after_loss(self) -> None:
         """Stop the robot, unless a goal, a task or an action drives it."""
-        if not self._gate.owner:
-            self._send(Twist())
+        # if the link is lost once more: when it is back
+        if self._needs_zero and self._chassis.state is LinkState.READY:
+            self._needs_zero = False
+            if not self._gate.owner:
+                self._send(Twist())

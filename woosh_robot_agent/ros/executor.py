@@ -14,7 +14,8 @@ at the entities in use:
 4. Each callback runs once. Services and subscriptions that have more to do run again at the end of
    the turn, until the turn has taken `_MAX_TURN`.
 5. Between two callbacks of a turn, urgent services and subscriptions are looked at again, so that
-   they wait for at most one callback.
+   they wait for at most one callback that is not urgent. Each runs at most once there, so that a
+   flood of messages for one of them holds up no other callback.
 6. `spin_once` runs one callback. An exception of the callback leaves `spin_once`. The next call
    continues the turn.
 7. After an urgent callback, the thread that spins lets other threads run: the callback has handed
@@ -98,6 +99,8 @@ class Executor:
         """The rest of this turn: entities and tasks."""
         self._urgent: list[Watched] = []
         """Urgent services and subscriptions."""
+        self._urgent_left: list[Watched] = []
+        """Those that have not been looked at since the last callback of the queue."""
         self._blocked: list[Watched] = []
         """Ready entities whose callback group is busy."""
         self._suspended: deque[Any] = deque()
@@ -318,10 +321,11 @@ class Executor:
     def _run_next(self) -> bool:
         """Run the next callback of this turn; return False if the turn is over."""
         if self._has_run and self._queue:  # between two callbacks
-            for urgent in self._urgent:
-                if self._run(urgent):
+            while self._urgent_left:
+                if self._run(self._urgent_left.pop()):
                     return True
         while self._queue:
+            self._urgent_left = self._urgent[:]
             each = self._queue.popleft()
             if not isinstance(each, Watched):
                 self._has_run = True

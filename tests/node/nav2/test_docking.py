@@ -22,6 +22,7 @@ from woosh_robot_agent.pb.util.task_pb2 import kCharge, kPaused
 from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.action import ExecTask as ExecTaskAction
+from woosh_robot_msgs.msg import Battery as BatteryMsg
 from woosh_robot_msgs.srv import Twist
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
@@ -193,6 +194,18 @@ def test_a_robot_in_no_charger_is_not_undocked(client: Client, simulator: Simula
     charge = fill(ExecTaskAction.Goal(), arg={"type": kCharge})
     robot_task = client.send_goal(ExecTaskAction, "robot/ExecTask", charge)
     robot_task.feedback.wait(lambda each: each.state.value == EXECUTING)
+    goal = Nav2Client(client, "undock_robot")
+    assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
+    assert simulator.counts["woosh.ros.CallAction"] == 0
+
+
+def test_a_robot_that_a_person_has_plugged_in_is_not_undocked(
+    client: Client, simulator: SimulatorThread
+) -> None:
+    """It would drive away with the cable."""
+    batteries = client.echo(BatteryMsg, "robot/Battery")
+    simulator.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kManual))
+    batteries.wait(lambda each: each.charge_state.value == Battery.kManual)
     goal = Nav2Client(client, "undock_robot")
     assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
     assert simulator.counts["woosh.ros.CallAction"] == 0

@@ -7,12 +7,15 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from action_msgs.msg import GoalInfo
+from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from unique_identifier_msgs.msg import UUID
 
-from tests.harness import Client, Logs, RunningAgent
-from tests.node.goals import START
-from tests.node.nav2.goals import SUCCEEDED, Nav2Client, ahead, pose
+from tests.harness import Client, Logs, RunningAgent, wait_future
+from tests.node.goals import CALL_ACTION, START, hurry, slow_down
+from tests.node.nav2.goals import CANCELED, SUCCEEDED, Nav2Client, ahead, pose
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
@@ -132,6 +135,32 @@ class TestFrames:
         path = Nav2Client(client, "compute_path_to_pose", goal=ahead(1.0, frame))
         assert text in path.refusal(logs)
         assert simulator.counts["woosh.ros.CallAction"] == 0
+
+    @pytest.mark.parametrize("by_id", [False, True], ids=["all goals", "its id"])
+    def test_a_goal_is_cancelled_while_it_waits_for_its_frame(
+        self, client: Client, simulator: SimulatorThread, static: Callable[..., None], by_id: bool
+    ) -> None:
+        """The goal before goes on if only the waiting one is cancelled."""
+        slow_down(simulator)
+        running = go(client, ahead(3.0))
+        simulator.wait_received(CALL_ACTION)
+        parts = class_of("nav2_msgs/NavigateToPose", "action").Impl
+        there = parts.SendGoalService.Request(goal_id=UUID(uuid=[7] * 16))
+        there.goal.pose = pose(-1.0, 0.0, frame="shelf")
+        send = client.service(parts.SendGoalService, "navigate_to_pose/_action/send_goal")
+        sent = send.call_async(there)
+        which = {"goal_info": GoalInfo(goal_id=there.goal_id)} if by_id else {}
+        answer = client.call(CancelGoal, "navigate_to_pose/_action/cancel_goal", **which)
+        assert there.goal_id in [each.goal_id for each in answer.goals_canceling]
+        static(transform("base_link", "shelf"))
+        assert wait_future(sent).accepted
+        results = client.service(parts.GetResultService, "navigate_to_pose/_action/get_result")
+        request = parts.GetResultService.Request(goal_id=there.goal_id)
+        assert wait_future(results.call_async(request)).status == CANCELED
+        hurry(simulator)
+        assert running.result()[0] == (SUCCEEDED if by_id else CANCELED)
+        drives = [each.message.move_base for each in simulator.received if each.type == CALL_ACTION]
+        assert [drive.action for drive in drives] == ([1] if by_id else [1, 0])
 
     def test_other_actions_bring_their_poses_too(
         self, client: Client, simulator: SimulatorThread

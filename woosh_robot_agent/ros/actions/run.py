@@ -120,7 +120,9 @@ class GoalRun:
         self._give_up = GiveUp(self._timing, self._clock)
         self._cancellation = Cancellation(
             kind.name,
-            send=lambda: context.gate.request(kind.cancel_request(), sender=Sender(GOAL_CANCEL)),
+            send=lambda: context.gate.request(
+                kind.cancel_request(), urgent=True, sender=Sender(GOAL_CANCEL)
+            ),
             is_replaced=lambda: context.open_goals.newer_accepted(self),
             on_accepted=self._give_up.cancel_accepted,
         )
@@ -297,7 +299,8 @@ class GoalRun:
                 self._link_changed(ready)
             case CancelRequested():
                 self._cancellation.pending = True
-                if self.phase.accepted:  # otherwise it is sent once the goal is accepted
+                # otherwise it is sent once the goal is accepted, or with the next report on it
+                if self.phase.accepted and not self._is_displaced:
                     self._cancellation.send_soon()
             case Replaced():
                 return self._aborted(REPLACED)

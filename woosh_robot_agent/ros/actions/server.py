@@ -36,16 +36,16 @@ all."""
 
 
 class Goal:
-    """An accepted goal. Use it in the link thread.
+    """A goal of an action server. Use it in the link thread.
 
     Args:
-        server: the server that accepted it.
-        info: id, and time of the acceptance.
+        server: the server that got it.
+        info: id, and time of the arrival.
         request: the goal as the client gave it.
         published: loop time at which the client sent it, as far as that is known.
-        objection: why it cannot be executed, if the server accepts such goals; empty if it can.
 
     Attributes:
+        objection: why it cannot be executed, if the server accepts such goals; empty if it can.
         status: state of the goal, a constant of action_msgs/GoalStatus.
     """
 
@@ -55,12 +55,11 @@ class Goal:
         info: GoalInfo,
         request: Any,
         published: float,
-        objection: str,
     ) -> None:
         self.info = info
         self.request = request
         self.published = published
-        self.objection = objection
+        self.objection = ""
         self.status = GoalStatus.STATUS_EXECUTING
         self._server = server
         self._result: Any = None
@@ -171,6 +170,8 @@ class GoalServer:
         self._checking = asyncio.Lock()
         """Held while a goal is checked, so that goals are accepted in the order of arrival."""
         self._result_timeout = result_timeout
+        self._unchecked: dict[bytes, Goal] = {}
+        """Goals that are not accepted yet, by the bytes of their ids. A client may cancel them."""
         self._goals: dict[bytes, Goal] = {}
         """Goals that are active or whose results are kept, by the bytes of their ids."""
         self._ended: dict[bytes, asyncio.TimerHandle] = {}
@@ -223,8 +224,13 @@ class GoalServer:
 
     async def _goal_sent(self, request: Any, reply: Reply, taken: float) -> None:
         response = self.action_type.Impl.SendGoalService.Response()
-        published = self._clock.published(*reply.times, taken)
-        objection = ""
+        response.stamp = self._node.get_clock().now().to_msg()
+        info = GoalInfo(goal_id=request.goal_id, stamp=response.stamp)
+        key, published = _key(info), self._clock.published(*reply.times, taken)
+        if key in self._goals or key in self._unchecked:  # the id is in use: reject the goal
+            reply.send(response)
+            return
+        self._unchecked[key] = goal = Goal(self, info, request.goal, published)
         try:
             async with self._checking:
                 await self._check(request.goal)
@@ -233,15 +239,11 @@ class GoalServer:
                 _LOG.warning("%s: a goal is rejected: %s", self._name, error)
                 reply.send(response)
                 return
-            objection = str(error)
-        if bytes(request.goal_id.uuid) in self._goals:  # the id is in use: reject the goal
-            reply.send(response)
-            return
+            goal.objection = str(error)
+        finally:
+            del self._unchecked[key]
         response.accepted = True
-        response.stamp = self._node.get_clock().now().to_msg()
-        info = GoalInfo(goal_id=request.goal_id, stamp=response.stamp)
-        goal = Goal(self, info, request.goal, published, objection)
-        self._goals[_key(info)] = goal
+        self._goals[key] = goal
         reply.send(response)
         self._publish_status()
         self._start(goal)
@@ -266,11 +268,12 @@ class GoalServer:
         """Return the goals that a cancel selects by the rules of action_msgs/srv/CancelGoal."""
         goal_id = _key(info)
         accepted_until = _nanoseconds(info)
+        goals = {**self._goals, **self._unchecked}
         if not any(goal_id) and not accepted_until:
-            return list(self._goals.values())
+            return list(goals.values())
         return [
             goal
-            for key, goal in self._goals.items()
+            for key, goal in goals.items()
             # 0 means no time, though it is also the stamp of a goal before simulated time starts
             if key == goal_id or (accepted_until and _nanoseconds(goal.info) <= accepted_until)
         ]

@@ -191,15 +191,17 @@ class UndockRobot(_Docking):
             raise
 
     async def _check_docked(self) -> None:
-        """Check that the robot charges, or stands in a charger.
+        """Check that the robot charges by itself, or stands in a charger.
 
-        A full robot in a charger does not charge, so the place decides, too.
+        A full robot in a charger does not charge, and one that a person has plugged in may be
+        anywhere. So the place decides, too.
 
         Raises:
             GoalEnd: the robot is in no charger, its pose is unknown, or the chassis does not
                 answer.
         """
-        if self.is_charging:
+        battery = self.context.standard.robot.last_known.value(Battery)
+        if battery is not None and battery.charge_state == Battery.kAuto:
             return
         here = self.context.pose.pose
         if here is None:
@@ -207,8 +209,8 @@ class UndockRobot(_Docking):
         distance, _ = _nearest(await self.chargers(), here)
         if distance > _DOCKED:
             raise GoalEnd(
-                "the robot is in no charger: it does not charge, and no charger is within "
-                f"{_DOCKED:g} m of it",
+                "the robot is in no charger: it does not charge by itself, and no charger is "
+                f"within {_DOCKED:g} m of it",
                 "DOCK_NOT_VALID",
             )
 

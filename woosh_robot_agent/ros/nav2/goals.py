@@ -539,6 +539,7 @@ class Nav2Action(ABC):
         try:
             if goal.objection:  # `check` objects only to poses that it cannot transform
                 raise GoalEnd(goal.objection, "TF_ERROR")
+            goal.raise_if_ending()  # cancelled before it was accepted: the running goal goes on
             await self._slot.take(goal)
             await self.execute(goal)
             reason = None

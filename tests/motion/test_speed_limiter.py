@@ -1,0 +1,56 @@
+"""When the limit of the speed is sent, tested without ROS."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+from tests.link.link_peer import Frame, Wire, aio, eventually
+from tests.motion.gate_checks import answer_all, gated
+from woosh_robot_agent.motion import SpeedLimiter
+
+LIMIT = "woosh.robot.ChangeNavMode"
+TASK_PROC = "woosh.robot.TaskProc"
+
+
+def navigating(task_id: int) -> Frame:
+    """Return the body of a report on a task that navigates."""
+    action = {"type": "kNav", "state": "kRosExecuting"}
+    return {"robotTaskId": str(task_id), "state": "kExecuting", "action": action}
+
+
+@aio
+async def test_a_removal_that_the_end_of_a_navigation_prevents_is_sent_in_the_next_one() -> None:
+    """Otherwise the robot could stay slow for ever."""
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == LIMIT and len(limits(wire)) == 2:
+            await wire.push(TASK_PROC, {"robotTaskId": "7", "state": "kCompleted"})
+            await wire.answer(frame, ok=False, msg="not navigating")
+            return True
+        return await answer_all(wire, frame)
+
+    def limits(wire: Wire) -> list[float]:
+        sent = [frame["body"]["navMode"] for frame in wire.seen if frame["type"] == LIMIT]
+        return [round(mode.get("maxSpeed", 0.0), 3) for mode in sent]
+
+    async with gated(script) as rig:
+        limited: list[bool] = []
+        refused: list[str] = []
+        limiter = SpeedLimiter(
+            rig.client,
+            rig.gate,
+            asyncio.ensure_future,
+            refused.append,
+            lambda: limited.append(limiter.is_limited),
+        )
+        limiter.limit(0.3)
+        await rig.wire.push(TASK_PROC, navigating(7))
+        await eventually(lambda: limits(rig.wire) == [0.3])
+        limiter.limit(math.inf)
+        await eventually(lambda: limited == [True, False, True])
+        await rig.wire.push(TASK_PROC, navigating(8))
+        await eventually(lambda: limits(rig.wire) == [0.3, 0.0, 0.0])
+        await eventually(lambda: not limiter.is_limited)
+    assert limited == [True, False, True, False]
+    assert refused == []
