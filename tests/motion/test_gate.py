@@ -91,9 +91,11 @@ async def test_a_stop_sends_the_zero_first_and_then_every_cancel() -> None:
         assert report.success
         sent = types(rig.wire)
         assert sent[:2] == [TWIST, "woosh.robot.ActionOrder"]
-        assert sent[2:] == ["woosh.ros.CallAction"] * (ORDERS - 2)
-        bodies = [frame["body"] for frame in rig.wire.seen if frame["type"] == sent[-1]]
-        assert len({next(iter(body)) for body in bodies}) == ORDERS - 2
+        assert sent[2:-1] == ["woosh.ros.CallAction"] * (ORDERS - 3)
+        bodies = [frame["body"] for frame in rig.wire.seen if frame["type"] == sent[2]]
+        assert len({next(iter(body)) for body in bodies}) == ORDERS - 3
+        assert sent[-1] == "woosh.robot.Follow"
+        assert "Follow" not in report.message
 
 
 @every_moving_request
@@ -168,6 +170,25 @@ async def test_a_stop_without_an_answer_says_so() -> None:
         assert not report.success
         assert report.message.startswith("NOT STOPPED: the chassis did not answer")
         assert report.message.endswith("press its emergency stop")
+
+
+@aio
+async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_cancel() -> None:
+    cancelled = False
+
+    async def refuse(wire: Wire, frame: Frame) -> bool:
+        nonlocal cancelled
+        cancelled |= frame["type"] == "woosh.robot.ActionOrder"
+        if frame["type"] == TWIST and not cancelled:
+            await wire.answer(frame, ok=False, msg="State not allow to twist")
+            return True
+        return await answer_all(wire, frame)
+
+    async with gated(refuse) as rig:
+        report = await soon(rig.gate.stop(TIMEOUT))
+        assert report.success
+        assert report.message.startswith("stopped; task cancelled")
+        assert speeds(rig.wire) == [0, 0]
 
 
 @aio

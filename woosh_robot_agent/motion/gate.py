@@ -48,18 +48,22 @@ from woosh_robot_agent.link.subscriptions import call_logged
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
 from woosh_robot_agent.motion.wheel_owner import WheelOwner
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
 from woosh_robot_agent.sentences import NOT_SENT, THEN, Said, Sentence, joined, said_by
 
+_FOLLOW = "Follow"
+"""Name of the request that ends the following of a leader."""
+
 
 def cancel_orders() -> dict[str, Message]:
-    """Return the requests that cancel the task and each action that can be cancelled.
+    """Return the requests that end the task, each action that can be cancelled, and a following.
 
-    Their names are "task", and those of the messages of the actions, e.g. "StepControl". An action
-    is a member of the oneof of CallAction; it can be cancelled if its message has a field `action`.
+    Their names are "task", those of the messages of the actions, e.g. "StepControl", and "Follow".
+    An action is a member of the oneof of CallAction; it can be cancelled if its message has a field
+    `action`.
     """
     orders: dict[str, Message] = {"task": ActionOrder(order=CANCEL_TASK)}
     for field in CallAction.DESCRIPTOR.oneofs_by_name["action"].fields:
@@ -69,6 +73,7 @@ def cancel_orders() -> dict[str, Message]:
             member.SetInParent()  # the number of CANCEL_ACTION is 0, which sets no member
             member.action = CANCEL_ACTION
             orders[field.message_type.name] = call
+    orders[_FOLLOW] = Follow()  # without `type`, it ends the following
     return orders
 
 
@@ -97,7 +102,10 @@ class StopReport:
         """Human-readable result, with advice if the stop failed."""
         stopped = _is_ok(self.zero)
         parts = [_DONE() if stopped else _NOT_STOPPED(reason=_reason(self.zero))]
-        cancelled = [name for name, answer in self.cancels.items() if _is_ok(answer)]
+        # the chassis may accept the end of a following that it was not doing
+        cancelled = [
+            name for name, answer in self.cancels.items() if _is_ok(answer) and name != _FOLLOW
+        ]
         parts += [_CANCELLED(what=_name(each)) for each in cancelled]
         if not self.success:
             if stopped:  # otherwise the first part has a reason already
@@ -278,6 +286,9 @@ class MotionGate:
     async def stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot, ahead of other requests.
 
+        A real robot refuses velocities during a task. A refused zero is sent once more when the
+        cancels have been answered.
+
         Args:
             timeout: time to wait for each answer, in seconds.
         """
@@ -290,6 +301,8 @@ class MotionGate:
         queued = [*reversed(orders.values()), Twist()]
         answers = await asyncio.gather(*(self._send_first(each, timeout) for each in queued))
         zero, *cancels = reversed(answers)
+        if isinstance(zero, Answer) and not zero.ok:
+            zero = await self._send_first(Twist(), timeout)
         return StopReport(zero, dict(zip(orders, cancels, strict=True)))
 
     async def close(self, timeout: float) -> None:
