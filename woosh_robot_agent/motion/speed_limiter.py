@@ -11,6 +11,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState, NotConnectedError
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.wheel_owner import EXECUTING
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
@@ -70,6 +71,7 @@ class SpeedLimiter:
         """Limit that was sent last; infinite before the first, `_UNKNOWN` if the robot may not have
         it."""
         self.refusal = ""
+        self._log = LogOnce(_LOG)
         self._task_id = 0
         """Id of the task that the robot executes."""
         self._task_navigates = False
@@ -208,9 +210,11 @@ class SpeedLimiter:
             )
         except LinkError as error:
             if not isinstance(error, NotConnectedError):  # the link logs this itself
-                _LOG.warning("the speed limit was not sent or not answered: %s", error)
+                text = f"the speed limit was not sent or not answered: {error}"
+                self._log.warn(type(error).__name__, text)
             self._note_sent(_UNKNOWN)  # sent again with the next report
             return
+        self._log.clear()
         if answer.ok:
             return
         self._note_sent(_UNKNOWN)
