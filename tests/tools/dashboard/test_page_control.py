@@ -598,6 +598,23 @@ async def test_a_robot_that_stops_obeying_ends_the_press(
 
 
 @aio
+async def test_a_lost_link_to_the_robot_ends_the_press(chassis: SimulatorThread) -> None:
+    async with controlled(chassis) as viewer:
+        async with viewer.holds(0.3):
+            await eventually(lambda: is_driving(chassis))
+            chassis.stop_listening()
+            await viewer.until(lambda _: any("no link to" in each for each in viewer.refusals))
+            before = len(chassis.received)
+            chassis.listen()
+            await viewer.until(lambda parts: parts["details"]["connects"] == 2)
+            await viewer.passed(1.0)
+            sent = [each.message for each in chassis.received[before:] if each.type == TWIST]
+            assert all(each == Twist() for each in sent)
+            assert sum("no link to" in each for each in viewer.refusals) == 1
+        await hold(viewer, lambda: is_driving(chassis))
+
+
+@aio
 async def test_a_command_is_named_in_english_as_its_button(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         chassis.inject("key_switch", requests="accepted")

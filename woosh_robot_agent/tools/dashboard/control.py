@@ -413,7 +413,8 @@ class Control:
         viewer.end_press(press, Text("reason.said", text=text))
 
     def _stick_refused(self, reason: str) -> None:
-        self._end_press(Text("reason.said", text=reason))
+        if self.owner is not None and self.owner.ended_press < self._press:  # told once
+            self._end_press(Text("reason.said", text=reason))
 
     def _end_press(self, reason: Text) -> None:
         """End the press that drives."""
@@ -458,5 +459,5 @@ class _Stick(VelocityDriver):
         super().__init__(gate, robot.chassis, _STICK, limits, log_refusals=False)
         self._on_refused = on_refused
 
-    def refuse(self, kind: str, reason: str) -> None:
+    def log_refusal(self, kind: str, reason: str) -> None:
         self._on_refused(reason)
