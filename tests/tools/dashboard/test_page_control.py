@@ -362,6 +362,24 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
 
 
 @aio
+async def test_a_press_that_rested_during_a_stop_drives_no_more(chassis: SimulatorThread) -> None:
+    async with controlled_by_two(chassis) as (driver, other):
+        driver.press += 1
+        await driver.drive(0.0)  # the dead zone of the stick
+        await driver.give("history")  # its reply comes after the velocity
+        ok, text = await other.command("stop")
+        assert ok, text
+        await driver.passed(MotionTiming().hold)
+        sent = chassis.counts[TWIST]
+        await driver.drive(0.3)
+        reason = await driver.until(lambda _: driver.refusals)
+        assert reason == ["STOP was pressed in the meantime"]
+        await driver.command("pause")  # its reply comes after the velocity
+        assert chassis.counts[TWIST] == sent
+        await hold(driver, lambda: is_driving(chassis))
+
+
+@aio
 async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
     chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:

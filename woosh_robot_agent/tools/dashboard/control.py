@@ -60,6 +60,7 @@ TOO_SLOW = Text("reason.tooSlow")
 """Reason for a command or velocity from the page that is too old to be sent."""
 UNANSWERED = Text("reason.unanswered")
 """Reason for a velocity that is not sent, because the answer to an earlier one is overdue."""
+_STOPPED_MEANWHILE = Text("reason.stoppedMeanwhile")
 _OTHER_MODE = Text("reason.otherMode")
 _VELOCITY_REFUSED = Sentence("refusal.velocity", "the robot refused the velocity")
 _BECAUSE = Sentence("refusal.because", "{text} ({reason})")
@@ -261,6 +262,8 @@ class Control:
         angular = number(message, "angular", _MAX_INPUT)
         clock = number(message, "clock", _MAX_COUNT)
         press = int(number(message, "press", _MAX_COUNT))
+        if press > viewer.press:
+            viewer.press, viewer.press_clock = press, clock
         if not (linear or angular):  # let go, or at rest in the middle
             if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
@@ -322,7 +325,7 @@ class Control:
         if not 0.0 <= asyncio.get_running_loop().time() - known <= _MAX_AGE:
             return TOO_SLOW
         if known <= self._stopped_at:
-            return Text("reason.stoppedMeanwhile")
+            return _STOPPED_MEANWHILE
         return None
 
     def _other_map(self, args: Args) -> Text | None:
@@ -339,6 +342,8 @@ class Control:
 
     def _admit_press(self, viewer: Viewer, press: int, clock: float) -> Text | None:
         """Claim the control for a press of the stick; return the reason why it may not drive."""
+        if viewer.press_clock / 1000.0 <= self._stopped_at:  # it rested during the stop
+            return _STOPPED_MEANWHILE
         if reason := self._outdated(clock) or self._robot.no_data or self._claim(viewer):
             return reason
         if press == self._press:  # the press that drives already

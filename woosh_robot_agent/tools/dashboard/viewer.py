@@ -39,6 +39,8 @@ class Viewer:
         visible: False while the page is hidden.
         commands: asyncio tasks of the commands in flight.
         heard_at: loop time of the last message from the page.
+        press: number of the last press of the stick.
+        press_clock: newest time that the page knew when this press began, in milliseconds.
         ended_press: number of the last press of the stick that has ended; see `Control`.
     """
 
@@ -60,6 +62,8 @@ class Viewer:
         self.robot: Robot | None = None
         self.visible = True
         self.commands: set[asyncio.Task[None]] = set()
+        self.press = -1
+        self.press_clock = 0.0
         self.ended_press = -1
         self._is_time_due = False
         """True if the time has to be sent."""
