@@ -32,6 +32,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
     ExecTask,
     InitRobot,
+    PlanNavPath,
     SetRobotPose,
     Speak,
     SwitchControlMode,
@@ -532,17 +533,20 @@ async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
 
 
 @aio
-async def test_too_many_commands_wait_for_each_other_but_a_stop_does_not(
+async def test_too_many_commands_wait_for_each_other_but_what_ends_a_motion_does_not(
     chassis: SimulatorThread,
 ) -> None:
     async with controlled(chassis) as viewer:
-        chassis.mute(full_name(ActionOrder))
-        for number in range(1, 10):
-            await viewer.send(do="command", id=number, name="pause", args={}, clock=0)
-        reply = await viewer.until(lambda _: viewer.replies.get(9))
+        await viewer.give("goMark", mark="A2")
+        await viewer.until(lambda parts: parts["robot"]["task"]["running"])
+        chassis.mute(full_name(PlanNavPath))
+        place = {"x": 1.0, "y": 0.0, "theta": 0.0}
+        for number in range(101, 110):
+            await viewer.send(do="command", id=number, name="plan", args=place, clock=0)
+        reply = await viewer.until(lambda _: viewer.replies.get(109))
         assert reply == (False, "wait for the other commands")
-        await viewer.send(do="command", id=10, name="stop", args={}, clock=0)
-        await eventually(lambda: last(chassis, Twist) == Twist())
+        for name in ("pause", "cancel", "stop"):
+            await viewer.give(name)
 
 
 @pytest.mark.parametrize("name", ["goMark", "stop"])
