@@ -73,8 +73,11 @@ async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: Simulat
         assert last(chassis, ExecTask).mark_no == "A2"
 
 
+_ODD_TEXT = "请\u3000让开 \u200fא\u200e \U0001f468\u200d\U0001f527\u00a0!"
+"""A text with a Chinese space, marks of the direction, a joined emoji, and a wide space."""
 _COMMANDS: list[tuple[str, dict[str, Any], Any]] = [
     ("speak", {"text": "hello"}, Speak(text="hello")),
+    ("speak", {"text": _ODD_TEXT}, Speak(text=_ODD_TEXT)),
     ("sound", {"mute": True, "volume": 20}, Sound(mute=True, volume=20)),
     ("light", {"effect": 2, "color": 5}, LED(normal=2, color=5)),
     ("workMode", {"mode": "deploy"}, SwitchWorkMode(mode=robot.kDeployMode)),
@@ -143,6 +146,8 @@ async def test_a_refusal_says_why(
         ("goMark", {"mark": 7}),
         ("speak", {"text": "x" * 201}),
         ("speak", {"text": "\x00"}),
+        ("speak", {"text": "two\nlines"}),
+        ("speak", {"text": "\ud800"}),
         ("workMode", {"mode": "fly"}),
         ("controlMode", {"mode": 1}),
         ("goMark", {"mark": "A2", "type": "fly"}),
