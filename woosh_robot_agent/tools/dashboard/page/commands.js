@@ -28,9 +28,8 @@ function received(name, data) {
     tell(false, data);
     return;
   }
-  const shown = store.address.value;
   store.receive(name, data);
-  if (name === "hello") connection.begin(store.chosen.value, store.address.value === shown);
+  if (name === "hello") connection.begin(store.robots.value, store.chosen.value);
   checkAlarm();
 }
 
@@ -96,7 +95,7 @@ export async function stop() {
   store.letGo();
   const robot = store.address.value;
   tell(true, { key: "reply.stopping", values: {} }, robot);
-  const { ok, text } = await connection.stop();
+  const { ok, text } = await connection.stop(robot);
   tell(ok, text, robot);
   // the dashboard itself raises the alarm of a stop that the robot has not confirmed
   setUnanswered(robot, ok || text.key === "reply.notStopped" ? "" : text);
