@@ -91,6 +91,18 @@ def test_a_robot_that_freezes_is_noticed_while_it_drives(
     eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
 
 
+def test_a_banner_stays_as_it_was_folded_while_its_seconds_count(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.set_screen(390, 844)
+    robot.inject("freeze")
+    eventually(lambda: "No data for" in browser.text("#notice"), "the silence")
+    browser.press("#notice summary")
+    title = browser.text("#notice b")
+    eventually(lambda: browser.text("#notice b") != title, "another second")
+    assert "last known state" in browser.text("#notice")
+
+
 def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_alarm(
     robot: SimulatedPage, browser: Browser
 ) -> None:
