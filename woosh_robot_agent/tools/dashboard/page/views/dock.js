@@ -262,7 +262,8 @@ function Running() {
     target && refusal(target.command),
   ].map((each) => each && say(each));
   // the robot's own text may say the same as the reason
-  const text = [taskState(task), notContinued || task.text].filter(Boolean).join(" · ");
+  const said = notContinued || task.text;
+  const text = [taskState(task), said && ` · ${said}`];
   const keeps = !notContinued && !target && t("dock.keeps");
   const more = [
     limitText(),
