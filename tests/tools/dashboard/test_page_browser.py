@@ -204,6 +204,19 @@ def test_a_mark_is_found_by_its_name_and_has_a_kind_of_task(
     assert not browser.is_enabled(".panel #cancel")
 
 
+def test_a_direction_belongs_to_the_kind_of_task_for_which_it_was_chosen(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.choose_mark()
+    browser.element("#kind option[value='carry 0']").click()
+    browser.element("#direction option[value='feeding']").click()
+    browser.element("#kind option[value='pick 0']").click()
+    eventually(lambda: not browser.elements("#direction"), "the end of the direction")
+    go(browser)
+    sent = last(robot, ExecTask)
+    assert (sent.type, sent.direction) == (task.kPick, task.kDirectionUndefined)
+
+
 def test_charge_goes_to_the_charger(robot: SimulatedPage, browser: Browser) -> None:
     browser.press("#charge")
     eventually(lambda: "C1" in browser.text("#now"), "the charger")
