@@ -529,6 +529,24 @@ def test_the_view_follows_the_robot_until_it_is_dragged(
     assert from_middle() > 50.0
 
 
+def test_a_press_on_a_map_that_follows_the_robot_means_the_place_where_it_began(
+    browser: Browser,
+) -> None:
+    browser.press("#follow")
+    width, height = browser.script("[mapCanvas.view.width, mapCanvas.view.height]")
+    eventually(lambda: browser.script("mapCanvas.view.centre.x !== 0"), "the robot in the middle")
+    place = browser.script(f"mapCanvas.view.toWorld({width / 2 + 80}, {height / 2 - 60})")
+    area = browser.element("#map")
+    press = browser.actions().move_to_element_with_offset(area, 80, -60).click_and_hold()
+    press.move_by_offset(0, -40).perform()  # northwards
+    browser.script("store.pose.value = {...store.pose.value, x: store.pose.value.x + 1}")
+    browser.release()
+    target = browser.script("store.target.value.pose")
+    assert math.dist((target["x"], target["y"]), (place["x"], place["y"])) < 0.1
+    assert math.isclose(target["theta"], math.pi / 2, abs_tol=0.1)
+    assert browser.script("store.follow.value")
+
+
 def test_a_followed_robot_is_in_the_middle_of_what_the_panel_leaves_free(browser: Browser) -> None:
     browser.set_screen(390, 844)
     browser.press("#follow")
