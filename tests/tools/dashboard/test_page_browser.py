@@ -204,6 +204,31 @@ def test_a_mark_is_found_by_its_name_and_has_a_kind_of_task(
     assert not browser.is_enabled(".panel #cancel")
 
 
+def test_what_is_begun_while_an_answer_is_awaited_is_not_forgotten_with_it(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    def accepted(button: str, begin: str, what: str) -> None:
+        """Press a button, begin something else at once, and wait for the answer to the button."""
+        again_if_slow(
+            browser,
+            lambda: browser.script(f"(document.querySelector('{button}').click(), {begin})"),
+            lambda: f"{what}: accepted" in browser.text("#answer"),
+            "the answer",
+        )
+
+    eventually(lambda: browser.script("store.pose.value"), "the pose")
+    draft = "store.draft.value = {...store.pose.value}"
+    browser.press("[data-tool=move]")
+    browser.script(f"(store.tool.value = 'pose', {draft})")
+    eventually(lambda: browser.is_enabled("#confirm"), "the confirmation")
+    accepted("#confirm", draft, "Set pose")
+    assert browser.script("[store.tool.value, store.draft.value !== null]") == ["pose", True]
+    browser.press("#dismiss")
+    browser.choose_mark()
+    accepted("#go", "document.querySelector('#marks li:nth-child(3) button').click()", "Go")
+    assert browser.script("store.target.value?.mark") == browser.text("#marks li:nth-child(3) b")
+
+
 def test_a_direction_belongs_to_the_kind_of_task_for_which_it_was_chosen(
     robot: SimulatedPage, browser: Browser
 ) -> None:

@@ -227,7 +227,8 @@ export function startPose() {
 /** Send the pose that the viewer has set to the robot. */
 export async function confirmPose() {
   const pose = store.draft.value;
-  if (pose && (await run("setPose", { ...pose, ...store.shownMap.value }))) forgetTarget();
+  const accepted = pose && (await run("setPose", { ...pose, ...store.shownMap.value }));
+  if (accepted && store.draft.value === pose) forgetTarget(); // not what the viewer has begun meanwhile
 }
 
 /** Names of the maps that are shown and used; they change with each of them. */

@@ -134,7 +134,9 @@ export function TaskOptions({ target, command }) {
     const args = { type, number: Number(number), direction: chosen };
     const place = target.mark ? { mark: target.mark } : target.pose;
     const where = command === "charge" ? {} : { ...place, ...store.shownMap.value };
-    if (await commands.run(command, { ...where, ...args })) commands.forgetTarget();
+    const accepted = await commands.run(command, { ...where, ...args });
+    // the viewer may have chosen another target meanwhile
+    if (accepted && store.target.value?.pose === target.pose) commands.forgetTarget();
   };
   return html`${
       command === "goMark" &&
