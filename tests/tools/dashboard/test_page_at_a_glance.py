@@ -197,3 +197,26 @@ def test_the_greatest_speed_and_the_speed_are_seen_at_the_stick(
     assert browser.script(size) >= 20
     browser.release()
     eventually(lambda: "Hold the stick" in browser.text("#now"), "the hint again")
+
+
+def test_a_screen_reader_is_not_told_each_metre_of_a_drive(browser: Browser) -> None:
+    browser.driver.execute_script("""
+      globalThis.told = [];
+      new MutationObserver((records) => {
+        for (const {target, oldValue} of records) {
+          const live = (target.closest ? target : target.parentElement)
+            ?.closest("[aria-live], [role=status], [role=alert]");
+          const changed = target.closest || target.data !== oldValue;
+          if (live && live.ariaLive !== "off" && changed) told.push(live.innerText);
+        }
+      }).observe(document.body, {subtree: true, childList: true, characterDataOldValue: true});
+    """)
+    browser.choose_mark()
+    browser.press("#go")
+    eventually(lambda: browser.script("store.wayLeft.value"), "the way left")
+    eventually(lambda: browser.script("store.pose.value.linear > 0.2"), "the drive")
+    assert browser.text("#now p").endswith(" m to go · Pause keeps the task; STOP ends it")
+    begin = float(browser.script("store.wayLeft.value"))
+    browser.script("(told = [])")
+    eventually(lambda: float(browser.script("store.wayLeft.value || 0")) < begin - 1.5, "the way")
+    assert len(browser.script("told")) < 5, browser.script("told")

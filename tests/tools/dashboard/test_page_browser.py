@@ -204,6 +204,44 @@ def test_a_mark_is_found_by_its_name_and_has_a_kind_of_task(
     assert not browser.is_enabled(".panel #cancel")
 
 
+def test_what_is_begun_while_an_answer_is_awaited_is_not_forgotten_with_it(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    def accepted(button: str, begin: str, what: str) -> None:
+        """Press a button, begin something else at once, and wait for the answer to the button."""
+        again_if_slow(
+            browser,
+            lambda: browser.script(f"(document.querySelector('{button}').click(), {begin})"),
+            lambda: f"{what}: accepted" in browser.text("#answer"),
+            "the answer",
+        )
+
+    eventually(lambda: browser.script("store.pose.value"), "the pose")
+    draft = "store.draft.value = {...store.pose.value}"
+    browser.press("[data-tool=move]")
+    browser.script(f"(store.tool.value = 'pose', {draft})")
+    eventually(lambda: browser.is_enabled("#confirm"), "the confirmation")
+    accepted("#confirm", draft, "Set pose")
+    assert browser.script("[store.tool.value, store.draft.value !== null]") == ["pose", True]
+    browser.press("#dismiss")
+    browser.choose_mark()
+    accepted("#go", "document.querySelector('#marks li:nth-child(3) button').click()", "Go")
+    assert browser.script("store.target.value?.mark") == browser.text("#marks li:nth-child(3) b")
+
+
+def test_a_direction_belongs_to_the_kind_of_task_for_which_it_was_chosen(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.choose_mark()
+    browser.element("#kind option[value='carry 0']").click()
+    browser.element("#direction option[value='feeding']").click()
+    browser.element("#kind option[value='pick 0']").click()
+    eventually(lambda: not browser.elements("#direction"), "the end of the direction")
+    go(browser)
+    sent = last(robot, ExecTask)
+    assert (sent.type, sent.direction) == (task.kPick, task.kDirectionUndefined)
+
+
 def test_charge_goes_to_the_charger(robot: SimulatedPage, browser: Browser) -> None:
     browser.press("#charge")
     eventually(lambda: "C1" in browser.text("#now"), "the charger")
@@ -514,6 +552,24 @@ def test_the_view_follows_the_robot_until_it_is_dragged(
     browser.actions().drag_and_drop_by_offset(area, 80, 0).perform()
     assert not browser.script("store.follow.value")
     assert from_middle() > 50.0
+
+
+def test_a_press_on_a_map_that_follows_the_robot_means_the_place_where_it_began(
+    browser: Browser,
+) -> None:
+    browser.press("#follow")
+    width, height = browser.script("[mapCanvas.view.width, mapCanvas.view.height]")
+    eventually(lambda: browser.script("mapCanvas.view.centre.x !== 0"), "the robot in the middle")
+    place = browser.script(f"mapCanvas.view.toWorld({width / 2 + 80}, {height / 2 - 60})")
+    area = browser.element("#map")
+    press = browser.actions().move_to_element_with_offset(area, 80, -60).click_and_hold()
+    press.move_by_offset(0, -40).perform()  # northwards
+    browser.script("store.pose.value = {...store.pose.value, x: store.pose.value.x + 1}")
+    browser.release()
+    target = browser.script("store.target.value.pose")
+    assert math.dist((target["x"], target["y"]), (place["x"], place["y"])) < 0.1
+    assert math.isclose(target["theta"], math.pi / 2, abs_tol=0.1)
+    assert browser.script("store.follow.value")
 
 
 def test_a_followed_robot_is_in_the_middle_of_what_the_panel_leaves_free(browser: Browser) -> None:

@@ -32,6 +32,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     ActionOrder,
     ExecTask,
     InitRobot,
+    PlanNavPath,
     SetRobotPose,
     Speak,
     SwitchControlMode,
@@ -72,8 +73,11 @@ async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: Simulat
         assert last(chassis, ExecTask).mark_no == "A2"
 
 
+_ODD_TEXT = "请\u3000让开 \u200fא\u200e \U0001f468\u200d\U0001f527\u00a0!"
+"""A text with a Chinese space, marks of the direction, a joined emoji, and a wide space."""
 _COMMANDS: list[tuple[str, dict[str, Any], Any]] = [
     ("speak", {"text": "hello"}, Speak(text="hello")),
+    ("speak", {"text": _ODD_TEXT}, Speak(text=_ODD_TEXT)),
     ("sound", {"mute": True, "volume": 20}, Sound(mute=True, volume=20)),
     ("light", {"effect": 2, "color": 5}, LED(normal=2, color=5)),
     ("workMode", {"mode": "deploy"}, SwitchWorkMode(mode=robot.kDeployMode)),
@@ -142,6 +146,8 @@ async def test_a_refusal_says_why(
         ("goMark", {"mark": 7}),
         ("speak", {"text": "x" * 201}),
         ("speak", {"text": "\x00"}),
+        ("speak", {"text": "two\nlines"}),
+        ("speak", {"text": "\ud800"}),
         ("workMode", {"mode": "fly"}),
         ("controlMode", {"mode": 1}),
         ("goMark", {"mark": "A2", "type": "fly"}),
@@ -362,6 +368,24 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
 
 
 @aio
+async def test_a_press_that_rested_during_a_stop_drives_no_more(chassis: SimulatorThread) -> None:
+    async with controlled_by_two(chassis) as (driver, other):
+        driver.press += 1
+        await driver.drive(0.0)  # the dead zone of the stick
+        await driver.give("history")  # its reply comes after the velocity
+        ok, text = await other.command("stop")
+        assert ok, text
+        await driver.passed(MotionTiming().hold)
+        sent = chassis.counts[TWIST]
+        await driver.drive(0.3)
+        reason = await driver.until(lambda _: driver.refusals)
+        assert reason == ["STOP was pressed in the meantime"]
+        await driver.command("pause")  # its reply comes after the velocity
+        assert chassis.counts[TWIST] == sent
+        await hold(driver, lambda: is_driving(chassis))
+
+
+@aio
 async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
     chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -532,17 +556,20 @@ async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
 
 
 @aio
-async def test_too_many_commands_wait_for_each_other_but_a_stop_does_not(
+async def test_too_many_commands_wait_for_each_other_but_what_ends_a_motion_does_not(
     chassis: SimulatorThread,
 ) -> None:
     async with controlled(chassis) as viewer:
-        chassis.mute(full_name(ActionOrder))
-        for number in range(1, 10):
-            await viewer.send(do="command", id=number, name="pause", args={}, clock=0)
-        reply = await viewer.until(lambda _: viewer.replies.get(9))
+        await viewer.give("goMark", mark="A2")
+        await viewer.until(lambda parts: parts["robot"]["task"]["running"])
+        chassis.mute(full_name(PlanNavPath))
+        place = {"x": 1.0, "y": 0.0, "theta": 0.0}
+        for number in range(101, 110):
+            await viewer.send(do="command", id=number, name="plan", args=place, clock=0)
+        reply = await viewer.until(lambda _: viewer.replies.get(109))
         assert reply == (False, "wait for the other commands")
-        await viewer.send(do="command", id=10, name="stop", args={}, clock=0)
-        await eventually(lambda: last(chassis, Twist) == Twist())
+        for name in ("pause", "cancel", "stop"):
+            await viewer.give(name)
 
 
 @pytest.mark.parametrize("name", ["goMark", "stop"])
@@ -613,6 +640,23 @@ async def test_a_robot_that_stops_obeying_ends_the_press(
             assert all(each == Twist() for each in sent)
         if fault != "lose_answer":  # the lost answer is awaited until its timeout
             await hold(viewer, lambda: is_driving(chassis))
+
+
+@aio
+async def test_a_lost_link_to_the_robot_ends_the_press(chassis: SimulatorThread) -> None:
+    async with controlled(chassis) as viewer:
+        async with viewer.holds(0.3):
+            await eventually(lambda: is_driving(chassis))
+            chassis.stop_listening()
+            await viewer.until(lambda _: any("no link to" in each for each in viewer.refusals))
+            before = len(chassis.received)
+            chassis.listen()
+            await viewer.until(lambda parts: parts["details"]["connects"] == 2)
+            await viewer.passed(1.0)
+            sent = [each.message for each in chassis.received[before:] if each.type == TWIST]
+            assert all(each == Twist() for each in sent)
+            assert sum("no link to" in each for each in viewer.refusals) == 1
+        await hold(viewer, lambda: is_driving(chassis))
 
 
 @aio

@@ -91,6 +91,18 @@ def test_a_robot_that_freezes_is_noticed_while_it_drives(
     eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
 
 
+def test_a_banner_stays_as_it_was_folded_while_its_seconds_count(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.set_screen(390, 844)
+    robot.inject("freeze")
+    eventually(lambda: "No data for" in browser.text("#notice"), "the silence")
+    browser.press("#notice summary")
+    title = browser.text("#notice b")
+    eventually(lambda: browser.text("#notice b") != title, "another second")
+    assert "last known state" in browser.text("#notice")
+
+
 def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_alarm(
     robot: SimulatedPage, browser: Browser
 ) -> None:
@@ -383,6 +395,43 @@ def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_sam
         eventually(lambda: gone in window.text("#alarm"), "the alarm")
         eventually(lambda: window.script(shown) == 30001, "the robot that is left")
     assert (chassis.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
+
+
+def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
+    serve: Serve, window: Browser
+) -> None:
+    served = serve({"robot_id": 7}, {"robot_id": 8})
+    window.open(served.url)
+    window.script("(connection.connect = () => connection.socket, connection.socket.close())")
+    eventually(lambda: window.script("store.problem.value"), "the loss")
+    window.driver.execute_script("""
+      document.querySelector("#stop").click();
+      const list = document.querySelector("#robots");
+      list.selectedIndex = 1;
+      list.dispatchEvent(new Event("change"));
+      delete connection.connect;
+      connection.connect();
+    """)
+    eventually(lambda: "stopped" in window.text("#answer"), "the stop")
+    stops = [each.counts[full_name(Twist)] for each in served.robots]
+    assert stops == [1, 0]
+    eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
+    assert window.script("store.alarms.value.size") == 0
+
+
+def test_the_plots_come_with_a_restarted_dashboard(
+    chassis: SimulatorThread, window: Browser
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        options = ["--page-port", str(taken.getsockname()[1])]
+    with program(chassis, options=options) as (process, url):
+        window.open(url)
+        process.kill()
+        process.wait()
+    eventually(lambda: "No connection to the dashboard" in window.text("#notice"), "the loss")
+    window.show("state")
+    with program(chassis, options=options):
+        eventually(lambda: "93 %" in window.text("#plots"), "the history")
 
 
 def test_a_robot_that_has_never_answered_is_unknown(

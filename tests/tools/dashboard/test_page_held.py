@@ -181,6 +181,32 @@ def test_another_robot_is_not_driven_by_the_keys_of_the_former(
     assert second.counts[full_name(Twist)] == 0
 
 
+@pytest.mark.parametrize("what", ["stick", "key"])
+def test_what_is_pressed_without_a_connection_drives_nothing_later(
+    robot: SimulatedPage, browser: Browser, what: str
+) -> None:
+    browser.press("#keyboard")
+    for _ in range(4):
+        browser.script("(connection.connect = () => connection.socket, connection.socket.close())")
+        eventually(lambda: browser.script("store.problem.value"), "the loss")
+        if what == "key":
+            key(browser, "rawKeyDown", "ArrowUp")
+        else:
+            browser.push_stick()
+        assert not browser.script(_HELD)
+        browser.script("(delete connection.connect, connection.connect(), 0)")
+        eventually(lambda: browser.script("!store.outdated.value"), "the connection")
+        clock = browser.script("connection.clock")
+        eventually(lambda: browser.script("connection.clock") > clock + 300, "some time")  # noqa: B023
+        if what == "key":
+            key(browser, "keyUp", "ArrowUp")
+        else:
+            browser.release()
+    assert robot.counts[full_name(Twist)] == 0
+    browser.drive(robot)
+    browser.release()
+
+
 @pytest.mark.parametrize("end", ["mark", "pose", "hidden"])
 def test_keys_whose_switch_goes_out_of_sight_are_off(
     robot: SimulatedPage, request: pytest.FixtureRequest, end: str

@@ -8,11 +8,12 @@ import re
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.tools.dashboard.browsers import Browser, are_apart, eventually
+from tests.tools.dashboard.browsers import Browser, SimulatedPage, are_apart, eventually
 from tests.tools.dashboard.conftest import Serve, Served
 from tests.tools.dashboard.pages import page
 from woosh_robot_agent.link.protos import full_name
@@ -472,6 +473,27 @@ def test_long_names_of_two_robots_leave_room_in_the_bar(serve: Serve, window: Br
     window.set_screen(768, 1024)
     eventually(lambda: window.script("innerWidth") == 768, "the small screen")
     assert window.script(port_lines) == 1
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1440, 900)])
+def test_a_long_name_of_a_mark_can_be_read(
+    window: Browser, tmp_path: Path, width: int, height: int
+) -> None:
+    name = "north_hall_shelf_" * 4 + "17"
+    (tmp_path / "scene.yaml").write_text(
+        "name: hall\nmaps:\n  - name: ground\n    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
+        f"    marks: [{{number: {name}, pose: [2, 2, 0]}}]\n"
+    )
+    cut = """[...document.querySelectorAll("#marks .row, #marks .row *, #now, #now *, .kind")]
+      .filter((each) => each.scrollWidth > each.clientWidth + 1 && each.clientWidth ||
+        each.getBoundingClientRect().right > innerWidth).map((each) => each.outerHTML)"""
+    with SimulatedPage(scenes=(tmp_path,)) as robot:
+        open_observed(window, robot.url, width, height)
+        window.show("go")
+        eventually(lambda: name in window.text("#marks"), "the mark")
+        assert window.script(cut) == []
+        window.choose_mark(1)
+        assert window.script(cut) == []
 
 
 @pytest.mark.parametrize("width", [360, 390])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import unicodedata
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -88,9 +89,14 @@ def _whole(args: Args, name: str, limit: int) -> int:
 
 def _text(args: Args, name: str) -> str:
     text = args.get(name)
-    if not isinstance(text, str) or len(text) > _MAX_TEXT or not text.isprintable():
+    if not isinstance(text, str) or len(text) > _MAX_TEXT or any(map(_is_no_text, text)):
         raise _invalid(_NO_TEXT(name=name, length=_MAX_TEXT))
     return text
+
+
+def _is_no_text(character: str) -> bool:
+    """Return True for a control character and for half a character, but not for e.g. any space."""
+    return unicodedata.category(character) in ("Cc", "Cs")
 
 
 def _truth(args: Args, name: str) -> bool:

@@ -60,6 +60,7 @@ TOO_SLOW = Text("reason.tooSlow")
 """Reason for a command or velocity from the page that is too old to be sent."""
 UNANSWERED = Text("reason.unanswered")
 """Reason for a velocity that is not sent, because the answer to an earlier one is overdue."""
+_STOPPED_MEANWHILE = Text("reason.stoppedMeanwhile")
 _OTHER_MODE = Text("reason.otherMode")
 _VELOCITY_REFUSED = Sentence("refusal.velocity", "the robot refused the velocity")
 _BECAUSE = Sentence("refusal.because", "{text} ({reason})")
@@ -256,6 +257,8 @@ class Control:
         angular = number(message, "angular", _MAX_INPUT)
         clock = number(message, "clock", _MAX_COUNT)
         press = int(number(message, "press", _MAX_COUNT))
+        if press > viewer.press:
+            viewer.press, viewer.press_clock = press, clock
         if not (linear or angular):  # the viewer has let go, or holds the stick in its middle
             if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
@@ -313,7 +316,7 @@ class Control:
         if not 0.0 <= asyncio.get_running_loop().time() - known <= _MAX_AGE:
             return TOO_SLOW
         if known <= self._stopped_at:
-            return Text("reason.stoppedMeanwhile")
+            return _STOPPED_MEANWHILE
         return None
 
     def _other_map(self, args: Args) -> Text | None:
@@ -330,6 +333,8 @@ class Control:
 
     def _admit_press(self, viewer: Viewer, press: int, clock: float) -> Text | None:
         """Claim the control for a press; return the reason why it may not drive, or None."""
+        if viewer.press_clock / 1000.0 <= self._stopped_at:  # it rested during the stop
+            return _STOPPED_MEANWHILE
         if reason := self._outdated(clock) or self._robot.no_data or self._claim(viewer):
             return reason
         if press == self._press:  # the press that drives already
@@ -406,7 +411,8 @@ class Control:
         viewer.end_press(press, Text("reason.said", text=text))
 
     def _stick_refused(self, reason: str) -> None:
-        self._end_press(Text("reason.said", text=reason))
+        if self.owner is not None and self.owner.ended_press < self._press:  # told once
+            self._end_press(Text("reason.said", text=reason))
 
     def _end_press(self, reason: Text) -> None:
         """End the owner's last press, and tell its page why."""

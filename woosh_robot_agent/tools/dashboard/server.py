@@ -27,7 +27,7 @@ from woosh_robot_agent.tools.dashboard.access import (
     Role,
     new_tokens,
 )
-from woosh_robot_agent.tools.dashboard.commands import Args, CommandError
+from woosh_robot_agent.tools.dashboard.commands import COMMANDS, Args, CommandError
 from woosh_robot_agent.tools.dashboard.control import STOP, Control, ControlConfig, Outcome
 from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
@@ -46,7 +46,8 @@ _SILENT.disabled = True
 _MAX_MESSAGE = 4096
 """Largest message that is read from a page, in bytes."""
 _MAX_COMMANDS = 8
-"""Maximum number of commands of one viewer that wait for answers; a stop is always allowed."""
+"""Maximum number of commands of one viewer that wait for answers. What only ends or interrupts a
+motion is always allowed."""
 _MAX_CLOCK = 10**15
 """Greatest time in a message of the page, in milliseconds."""
 _PLACES_PERIOD = 0.2
@@ -410,7 +411,8 @@ class Dashboard:
     ) -> None:
         """Start a command of a viewer for the robot that it watches now."""
         try:
-            if len(viewer.commands) >= _MAX_COMMANDS and name != STOP:
+            interrupts = name == STOP or (name in COMMANDS and COMMANDS[name].interrupts)
+            if len(viewer.commands) >= _MAX_COMMANDS and not interrupts:
                 raise CommandError(Text("reason.tooManyCommands"))
             execution = self._execution(viewer, name, args, clock)
         except CommandError as error:

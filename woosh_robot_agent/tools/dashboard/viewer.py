@@ -40,6 +40,8 @@ class Viewer:
         commands: asyncio tasks of the commands in flight; maintained by the server.
         heard_at: loop time of the last message from the page, or of its connection; updated by the
             server.
+        press: number of the last press of the stick; -1 before the first.
+        press_clock: newest time that the page knew when this press began, in milliseconds.
         ended_press: number of the last press of the stick that has ended, -1 before; see `Control`.
     """
 
@@ -61,6 +63,8 @@ class Viewer:
         self.robot: Robot | None = None
         self.visible = True
         self.commands: set[asyncio.Task[None]] = set()
+        self.press = -1
+        self.press_clock = 0.0
         self.ended_press = -1
         self._is_time_due = False
         """True if the time has to be sent."""

@@ -28,9 +28,8 @@ function received(name, data) {
     tell(false, data);
     return;
   }
-  const shown = store.address.value;
   store.receive(name, data);
-  if (name === "hello") connection.begin(store.chosen.value, store.address.value === shown);
+  if (name === "hello") connection.begin(store.robots.value, store.chosen.value);
   checkAlarm();
 }
 
@@ -96,7 +95,7 @@ export async function stop() {
   store.letGo();
   const robot = store.address.value;
   tell(true, { key: "reply.stopping", values: {} }, robot);
-  const { ok, text } = await connection.stop();
+  const { ok, text } = await connection.stop(robot);
   tell(ok, text, robot);
   // the dashboard itself raises the alarm of a stop that the robot has not confirmed
   setUnanswered(robot, ok || text.key === "reply.notStopped" ? "" : text);
@@ -238,7 +237,8 @@ export function startPose() {
 /** Send the pose that the viewer has set to the robot. */
 export async function confirmPose() {
   const pose = store.draft.value;
-  if (pose && (await run("setPose", { ...pose, ...store.shownMap.value }))) forgetTarget();
+  const accepted = pose && (await run("setPose", { ...pose, ...store.shownMap.value }));
+  if (accepted && store.draft.value === pose) forgetTarget(); // not what the viewer has begun meanwhile
 }
 
 /** Names of the maps that are shown and used; they change with each of them. */

@@ -26,7 +26,7 @@ export class Connection {
     /** @type {Map<number, (reply: Reply) => void>} by the id of the command */
     this.replies = new Map();
     this.isReady = false; // true once the dashboard knows which robot the page shows
-    this.unsentStop = 0; // id of a stop that waits for the connection
+    this.unsentStop = { id: 0, robot: "" }; // stop that waits for the connection; id 0 without one
     this.problem = "link.connecting";
     this.receivedAt = 0; // time of the last message, or of the connection attempt
     this.retry = 0; // timer of the next attempt
@@ -73,17 +73,19 @@ export class Connection {
 
   /**
    * Begin to send, once the dashboard has named its robots.
-   * @param {number} robot index of the robot that the page shows
-   * @param {boolean} isSame false if it is another robot than the one of an unsent stop
+   * @param {string[]} robots addresses
+   * @param {number} shown index of the robot that the page shows
    */
-  begin(robot, isSame) {
+  begin(robots, shown) {
     this.isReady = true;
-    if (robot) this.watch(robot);
     if (document.hidden) this.reportVisibility();
-    const stop = this.unsentStop;
-    this.unsentStop = 0;
-    if (stop && isSame) this.sendCommand(stop, "stop", {});
-    else if (stop) this.settle(stop, failure("reason.robotGone"));
+    const { id, robot } = this.unsentStop;
+    this.unsentStop = { id: 0, robot: "" };
+    const stopped = id ? robots.indexOf(robot) : 0; // the dashboard begins with the first robot
+    if (stopped > 0) this.watch(stopped); // a command is for the robot that is watched
+    if (stopped < 0) this.settle(id, failure("reason.robotGone"));
+    else if (id) this.sendCommand(id, "stop", {});
+    if (shown !== Math.max(0, stopped)) this.watch(shown);
   }
 
   reconnect() {
@@ -99,7 +101,7 @@ export class Connection {
     this.isReady = false;
     this.setProblem(dismissed ? "link.dismissed" : "link.noDashboard");
     for (const id of [...this.replies.keys()]) {
-      if (id !== this.unsentStop) this.settle(id, failure("reason.connectionLost"));
+      if (id !== this.unsentStop.id) this.settle(id, failure("reason.connectionLost"));
     }
     // too many viewers would otherwise displace one another for ever
     if (!dismissed) this.retry = setTimeout(() => this.connect(), RETRY_DELAY);
@@ -152,17 +154,20 @@ export class Connection {
     return this.waitForReply(id);
   }
 
-  /** Send a stop: now, or when there is a connection within `STOP_TIMEOUT`. */
-  stop() {
+  /**
+   * Send a stop: now, or when there is a connection within `STOP_TIMEOUT`.
+   * @param {string} robot address of the robot that the page shows
+   */
+  stop(robot) {
     const id = this.nextId++;
     if (this.isReady) {
       this.sendCommand(id, "stop", {});
     } else {
-      this.unsentStop = id;
+      this.unsentStop = { id, robot };
       if (this.socket.readyState > WebSocket.OPEN) this.reconnect();
     }
     setTimeout(() => {
-      if (this.unsentStop === id) this.unsentStop = 0;
+      if (this.unsentStop.id === id) this.unsentStop.id = 0;
       this.settle(id, failure("reason.noAnswer"));
     }, STOP_TIMEOUT);
     return this.waitForReply(id);

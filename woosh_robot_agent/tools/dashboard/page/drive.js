@@ -115,7 +115,8 @@ document.addEventListener("visibilitychange", () => {
   keysOff();
 });
 effect(() => {
-  if (store.outdated.value) store.letGo();
+  // also what is pressed while nothing can be sent: it would drive once that is possible again
+  if (store.outdated.value && store.held.value) store.letGo();
 });
 effect(() => {
   if (!store.keyboard.value) store.letGo();

@@ -158,12 +158,16 @@ export class MapCanvas {
     this.followRobot();
   }
 
-  /** Keep the robot's front at the top, and the robot in the middle, if the viewer wants that. */
+  /**
+   * Keep the robot's front at the top, and the robot in the middle, if the viewer wants that. A map
+   * on which a pointer is pressed stays where it is: the press means the place where it began.
+   */
   followRobot() {
     const pose = store.pose.value;
     const turned = store.robotUp.value && pose ? Math.PI / 2 - pose.theta : 0;
-    if (turned !== this.view.angle) this.view.turn(turned);
-    if (store.follow.value && pose) {
+    const isHeld = this.pointers.size > 0;
+    if (turned !== this.view.angle && !isHeld) this.view.turn(turned);
+    if (store.follow.value && pose && !isHeld) {
       this.stillFitted = false;
       this.view.put(pose, this.view.middle);
     }
@@ -234,8 +238,8 @@ export class MapCanvas {
   released(event) {
     const { press, arrow } = this;
     const acts = press.acts && this.pointers.size === 1 && this.pointers.has(event.pointerId);
-    this.forgetPointer(event);
     if (acts) this.act(press, arrow);
+    this.forgetPointer(event);
   }
 
   /** @param {PointerEvent} event */
@@ -243,7 +247,7 @@ export class MapCanvas {
     this.pointers.delete(event.pointerId);
     this.press.acts = false;
     this.arrow = null;
-    this.redraw();
+    this.followRobot();
   }
 
   /**

@@ -51,7 +51,7 @@ function LinkChip() {
   return html`<div class="chip ${good ? "" : "bad"}" id="link" role="status" title=${long}>
     <span class="dot ${good ? "ok" : "bad"}"></span>
     <span class=${good ? "wide" : ""}>${short}</span>
-    ${good && delay !== null && html`<small class="wide delay">${delayText(delay ?? 0)}</small>`}
+    ${good && delay !== null && html`<small class="wide delay" aria-live="off">${delayText(delay ?? 0)}</small>`}
   </div>`;
 }
 

@@ -263,7 +263,7 @@ function Running() {
   // the notice says the reason; where it is in no notice, the robot's own text may say the same
   const remedy = hindrance?.objection && !target ? remedyOf(hindrance.objection) : "";
   const told = remedy || notContinued || task.text;
-  const text = [taskState(task), told].filter(Boolean).join(" · ");
+  const text = [taskState(task), told && ` · ${told}`];
   const keeps = !notContinued && !target && t("dock.keeps");
   const more = [
     limitText(),

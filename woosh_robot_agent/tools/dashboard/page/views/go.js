@@ -129,10 +129,14 @@ export function TaskOptions({ target, command }) {
     kinds.push({ value: kind, name: `${taskType(type)}: ${number}` });
   }
   const go = async () => {
-    const args = { type, number: Number(number), direction };
+    // of a direction that was chosen before another kind of task, nothing is seen any more
+    const chosen = type === "carry" ? direction : "unknown";
+    const args = { type, number: Number(number), direction: chosen };
     const place = target.mark ? { mark: target.mark } : target.pose;
     const where = command === "charge" ? {} : { ...place, ...store.shownMap.value };
-    if (await commands.run(command, { ...where, ...args })) commands.forgetTarget();
+    const accepted = await commands.run(command, { ...where, ...args });
+    // the viewer may have chosen another target meanwhile
+    if (accepted && store.target.value?.pose === target.pose) commands.forgetTarget();
   };
   return html`${
       command === "goMark" &&

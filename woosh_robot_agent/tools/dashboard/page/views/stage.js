@@ -223,7 +223,7 @@ function Notices() {
     ${
       notice &&
       html`<section class="notice ${notice.tone}" id="notice" role="status">
-        <details key=${notice.title} open=${!isTiny}>
+        <details key=${notice.title.replace(/\d+/g, "")} open=${!isTiny}>
           <summary><${Icon} name="alarm" /><b>${notice.title}</b></summary>
           <p>${notice.text}</p>
         </details>

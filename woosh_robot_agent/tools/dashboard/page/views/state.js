@@ -44,10 +44,13 @@ effect(() => {
 });
 
 export function State() {
+  const of = [store.you.value, store.chosen.value];
   useEffect(() => {
     samples.value = [];
-    loadHistory();
-  }, [store.you.value, store.chosen.value]);
+  }, of);
+  useEffect(() => {
+    if (!samples.peek().length) loadHistory(); // again with each connection, until it has come
+  }, [...of, store.problem.value]);
   const robot = store.robot.value;
   if (!robot?.known)
     return html`<${Problems} />

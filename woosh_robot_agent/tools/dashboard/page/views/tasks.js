@@ -85,16 +85,20 @@ export function taskButtons() {
 }
 
 /**
- * Return the state of the running task as text, with the way left while it drives.
+ * Return the state of the running task, with the way left while it drives.
  * @param {import("../store.js").RunningTask} task
  */
 export function taskState({ state, action, actionState }) {
-  const names = [tOr(`task.${state}`, state)];
-  const left = action === "nav" && store.wayLeft.value;
-  const doing = left ? t("task.left", { length: left }) : tOr(`action.${action}`, action);
-  if (action && !["paused", "held up"].includes(state)) names.push(doing);
-  if (["warning", "traffi ctrl"].includes(actionState)) names.push(t(`actionState.${actionState}`));
-  return names.join(" · ");
+  const acts = action && !["paused", "held up"].includes(state);
+  const left = acts && action === "nav" && store.wayLeft.value;
+  const hindrance =
+    ["warning", "traffi ctrl"].includes(actionState) && t(`actionState.${actionState}`);
+  const doing = acts && !left && tOr(`action.${action}`, action);
+  const names = [tOr(`task.${state}`, state), doing, hindrance].filter(Boolean).join(" · ");
+  // a screen reader does not tell each change of the way
+  const way =
+    left && html`<span aria-live="off">${` · ${t("task.left", { length: left })}`}</span>`;
+  return [names, way];
 }
 
 /** @param {{task: store.Task}} props */
