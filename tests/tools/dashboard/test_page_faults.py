@@ -370,6 +370,14 @@ def test_a_page_that_comes_back_knows_that_an_answer_was_lost(
 def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_same_one(
     chassis: SimulatorThread, other: SimulatorThread, window: Browser
 ) -> None:
+    # the page connects again only when STOP is pressed, after its own attempt has done nothing
+    hold = "connection.connect = () => ((connection.held = true), connection.socket)"
+
+    def press_stop() -> None:
+        eventually(lambda: window.script("connection.held"), "the attempt of the page")
+        window.script("delete connection.connect && delete connection.held")
+        window.press("#stop")
+
     with socket.create_server(("127.0.0.1", 0)) as taken:
         options = ["--page-port", str(taken.getsockname()[1])]
     with program(chassis, other, options=options) as (_, url):
@@ -378,18 +386,15 @@ def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_sam
         window.script("document.querySelector('#robots').dispatchEvent(new Event('change'))")
         shown = "!store.outdated.value && store.robot.value?.id"
         eventually(lambda: window.script(shown) == 8, "the other robot")
-        # the page connects when STOP is pressed
-        window.script("connection.connect = () => connection.socket")
+        window.script(hold)
     with program(other, chassis, options=options):
-        window.script("delete connection.connect")
-        window.press("#stop")
+        press_stop()
         eventually(lambda: "stopped" in window.text("#answer"), "the stop")
         eventually(lambda: window.script(shown) == 8, "the other robot")
         assert window.script("[store.chosen.value, store.alarms.value.size]") == [0, 0]
-        window.script("connection.connect = () => connection.socket")
+        window.script(hold)
     with program(chassis, options=options):
-        window.script("delete connection.connect")
-        window.press("#stop")
+        press_stop()
         # the robot of the stop is named, because the page shows another one then
         gone = f"STOP is not confirmed (127.0.0.1:{other.port})"
         eventually(lambda: gone in window.text("#alarm"), "the alarm")
