@@ -329,12 +329,12 @@ class VelocityDriver:
             self._needs_zero = self._needs_zero or self._driving
             self._driving = False
         elif self._needs_zero:  # rule 7
-            # after the first RobotInfo, which reports a running task
+            # not before the first RobotInfo, which tells whether a task drives the robot
             self._chassis.after_pushes(self._zero_after_loss)
 
     def _zero_after_loss(self) -> None:
         """Stop the robot, unless a goal, a task or an action drives it."""
-        # if the link is lost once more: when it is back
+        # a link that is lost again gets the zero after the next reconnect
         if self._needs_zero and self._chassis.state is LinkState.READY:
             self._needs_zero = False
             if not self._gate.owner:

@@ -319,8 +319,9 @@ class Standstill:
         if demand.task_id and report.robot_task_id not in (demand.task_id, 0):
             return
         if not is_unfinished(report):
+            # before the task has begun, an end without its id is that of an earlier task
             if demand.begun or (demand.task_id and report.robot_task_id):
-                self._demand = None  # otherwise an earlier task has ended
+                self._demand = None
             return
         demand.begun = True
         self._set_standing(

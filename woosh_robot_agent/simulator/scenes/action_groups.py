@@ -98,7 +98,7 @@ class ActionGroups:
 
 
 def read_action_groups(data: bytes) -> ActionGroups:
-    """Read the content of the file, without unknown keys; an empty file has the default table.
+    """Read the content of the file, ignoring unknown keys; empty content means the default table.
 
     Raises:
         DataFileError: the file is not such a table.

@@ -56,12 +56,13 @@ class AnsweredRequest(NamedTuple):
         t: Unix time of the answer, in seconds.
         sn: serial number.
         request: type of the request.
-        request_body: body of the request; None if it could not be read.
+        request_body: body of the request; None if unreadable or of an unknown type.
         delay: time from request to answer, in seconds.
         ok: True if the request was accepted.
         text: text of the answer.
         type: type of the answer.
-        body: body of the answer; None if it is large, could not be read, or has an unknown type.
+        body: body of the answer; None if large, unreadable, a laser scan, of an unknown type, or
+            missing in a refusal.
         size: size of the answer's frame, in bytes.
     """
 
@@ -84,7 +85,7 @@ class Push(NamedTuple):
         t: Unix time of its arrival, in seconds.
         connection: number of the connection.
         type: type of the push.
-        body: the message; None if it is large, could not be read, or has an unknown type.
+        body: the message; None if large, unreadable, a laser scan, or of an unknown type.
         size: size of the frame, in bytes.
     """
 
