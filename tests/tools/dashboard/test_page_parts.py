@@ -19,10 +19,15 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, ScannerData
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, RobotState, ScannerData
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard.part_data import lanes_data, scan_frame, zones_data
+from woosh_robot_agent.tools.dashboard.part_data import (
+    lanes_data,
+    pose_data,
+    scan_frame,
+    zones_data,
+)
 from woosh_robot_agent.tools.dashboard.parts import Parts
 
 
@@ -190,6 +195,13 @@ def test_a_scan_is_a_tenth_of_its_json() -> None:
     assert struct.unpack("<6H", frame[32:]) == (1000, 0, 0, 0, 0, 12345)
     scan.angle_increment = math.nan
     assert scan_frame(scan, (0.0, 0.0, 0.0)) is None
+
+
+def test_a_speed_that_is_no_number_is_no_standstill() -> None:
+    info = RobotInfo()
+    info.pose_speed.pose.x = 1.0
+    info.pose_speed.twist.linear = math.nan
+    assert pose_data(info) is None
 
 
 @aio

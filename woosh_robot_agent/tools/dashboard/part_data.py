@@ -61,22 +61,22 @@ _MAX_NAME = 60
 
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
-    """Return pose and speed, in m, rad, m/s and rad/s; None without a finite pose.
+    """Return pose and speed, in m, rad, m/s and rad/s; None unless all are finite numbers.
 
     `doubt` says why the pose may mean nothing; it is None without a doubt.
     """
     if not info.pose_speed.HasField("pose"):
         return None
     pose, twist = info.pose_speed.pose, info.pose_speed.twist
-    if not all(map(math.isfinite, (pose.x, pose.y, pose.theta))):
+    if not all(map(math.isfinite, (pose.x, pose.y, pose.theta, twist.linear, twist.angular))):
         return None
     doubt = pose_problem(info)
     return {
         "x": round(pose.x, 4),
         "y": round(pose.y, 4),
         "theta": round(pose.theta, 4),
-        "linear": _rounded_or_zero(twist.linear),
-        "angular": _rounded_or_zero(twist.angular),
+        "linear": round(twist.linear, 3),
+        "angular": round(twist.angular, 3),
         "doubt": None if doubt is None else doubt._asdict(),
     }
 
@@ -147,7 +147,7 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "name": info.setting.identity.name,
         "state": enum_name(robot.State, info.state),
         "objection": None if objection is None else objection._asdict(),
-        "moves": bool(_rounded_or_zero(twist.linear) or _rounded_or_zero(twist.angular)),
+        "moves": bool(round(twist.linear, 3) or round(twist.angular, 3)),
         "problems": len(info.abnormal_codes.scs),
         "level": enum_name(StatusCode.Level, worst),
         "battery": _battery(info),

@@ -168,8 +168,10 @@ async def _answer_or_reason(run: Run, query: Message) -> dict[str, Any] | str:
         answer = await run.link.ask(query)
     except LinkError as error:
         return str(error)
-    if not answer.ok or answer.body is None:
+    if not answer.ok:
         return f"the robot refused {full_name(query)}: {answer.reason}"
+    if answer.body is None:
+        return f"{full_name(query)}: {answer.reason}"
     return _as_dict(answer.body)
 
 
