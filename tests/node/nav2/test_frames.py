@@ -7,12 +7,14 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from unique_identifier_msgs.msg import UUID
 
-from tests.harness import Client, Logs, RunningAgent
+from tests.harness import Client, Logs, RunningAgent, wait_future, wait_until
 from tests.node.goals import START
-from tests.node.nav2.goals import SUCCEEDED, Nav2Client, ahead, pose
+from tests.node.nav2.goals import CANCELED, SUCCEEDED, Nav2Client, ahead, pose
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
@@ -131,6 +133,24 @@ class TestFrames:
         assert "pose 1 of 2" in refusal
         path = Nav2Client(client, "compute_path_to_pose", goal=ahead(1.0, frame))
         assert text in path.refusal(logs)
+        assert simulator.counts["woosh.ros.CallAction"] == 0
+
+    def test_a_goal_that_waits_for_a_transform_is_cancelled_with_all_goals(
+        self, client: Client, simulator: SimulatorThread, static: Callable[..., None]
+    ) -> None:
+        parts = class_of("nav2_msgs/NavigateToPose", "action").Impl
+        name = "navigate_to_pose/_action"
+        request = parts.SendGoalService.Request(goal_id=UUID(uuid=[1] * 16))
+        request.goal.pose = pose(0.5, 0.0, frame="shelf")
+        sent = client.service(parts.SendGoalService, f"{name}/send_goal").call_async(request)
+        wait_until(lambda: client.node.count_subscribers("/tf_static"), "the wait for a transform")
+        assert not client.call(CancelGoal, f"{name}/cancel_goal").goals_canceling
+        static(transform("base_link", "shelf"))
+        assert wait_future(sent).accepted
+        result = client.call_async(
+            parts.GetResultService, f"{name}/get_result", goal_id=request.goal_id
+        )
+        assert wait_future(result).status == CANCELED
         assert simulator.counts["woosh.ros.CallAction"] == 0
 
     def test_other_actions_bring_their_poses_too(

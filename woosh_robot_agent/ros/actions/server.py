@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
@@ -176,6 +177,8 @@ class GoalServer:
         self._ended: dict[bytes, asyncio.TimerHandle] = {}
         """Timers that forget the goals whose results are kept, the oldest first."""
         self._clock = SenderClock()
+        self._all_cancelled = -math.inf
+        """Monotonic time at which the last request to cancel all goals was taken."""
         parts = action_type.Impl
         for srv_type, verb, serve in (
             (parts.SendGoalService, "send_goal", self._goal_sent),
@@ -244,9 +247,15 @@ class GoalServer:
         self._goals[_key(info)] = goal
         reply.send(response)
         self._publish_status()
-        self._start(goal)
+        if taken < self._all_cancelled:  # while it was checked
+            goal.note_cancel_request()
+            goal.finish(Outcome.CANCELED, self.action_type.Result())
+        else:
+            self._start(goal)
 
-    async def _cancel_requested(self, request: Any, reply: Reply, _taken: float) -> None:
+    async def _cancel_requested(self, request: Any, reply: Reply, taken: float) -> None:
+        if request.goal_info == GoalInfo():
+            self._all_cancelled = taken
         response = CancelGoal.Response()
         for goal in self._selected(request.goal_info):
             if goal.is_active:
