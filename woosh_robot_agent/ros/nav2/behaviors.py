@@ -254,7 +254,7 @@ class AssistedTeleop(Nav2Action):
         twist = message
         if hasattr(message, "header"):  # a TwistStamped, by the parameter cmd_vel_stamped
             twist = message.twist
-            if objection := stamp_objection(self.context.standard, message.header.stamp):
+            if objection := stamp_objection(self.context.standard, message):
                 self._driver.log_refusal("age", objection)
                 return
         published = self._clock.of_message(info, taken)
