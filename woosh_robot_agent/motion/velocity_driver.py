@@ -217,11 +217,9 @@ class VelocityDriver:
             self.log_refusal("value", said_by(error))
             return
         now = asyncio.get_running_loop().time()
-        has_paused, self._received = now - self._received > self._gate.timing.pause, now
         published = min(published, now)
         moves = any(values)
-        if not moves or has_paused:
-            self._silenced = ""
+        self.note_received(moves)
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
                 self._silence(_NOT_PERMITTED)
@@ -244,6 +242,18 @@ class VelocityDriver:
             self._published = published
             self._waiting = limited
             self._send_or_wait(now)
+
+    def note_received(self, moves: bool) -> None:
+        """Note that a velocity of the stream came, for rule 3; `drive` does so by itself."""
+        now = asyncio.get_running_loop().time()
+        has_paused, self._received = now - self._received > self._gate.timing.pause, now
+        if not moves or has_paused:
+            self._silenced = ""
+
+    def end(self) -> None:
+        """Stop the robot at once, unless a stop has done so. Rule 3 goes on."""
+        if not self._silenced:
+            self.drive(0.0, 0.0, 0.0)
 
     def log_refusal(self, kind: str, reason: str) -> None:
         """Log why a velocity is refused, and what to do; reasons of one kind are logged once."""
