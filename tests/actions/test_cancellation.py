@@ -19,7 +19,9 @@ class Chassis:
     def __init__(self) -> None:
         self.accepted = 0
         self.sent: list[asyncio.Future[Any]] = []
-        self.cancellation = Cancellation("task 5", self._send, self._replaced, self._accepted)
+        self.cancellation = Cancellation(
+            "task 5", self._send, self._replaced, self._accepted, lambda: None
+        )
 
     async def _send(self) -> Any:
         self.sent.append(asyncio.get_running_loop().create_future())

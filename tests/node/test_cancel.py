@@ -20,6 +20,7 @@ from tests.node.goals import (
     EXECUTE,
     EXECUTING,
     FEEDBACKS,
+    STEP,
     SUCCEEDED,
     TASK_CANCELED,
     TASK_PROC,
@@ -258,3 +259,13 @@ def test_all_goals_of_an_action_can_be_cancelled_at_once(robot: Robot) -> None:
 def wait_served(client: Client) -> None:
     """Call a service; its answer shows that the agent has handled everything sent earlier."""
     client.call(RobotState, "robot/RobotState")
+
+
+def test_a_refused_cancel_finds_an_action_that_has_ended(robot: Robot) -> None:
+    """Its end was its only report, which might have been the end of another program's action."""
+    robot.chassis.intercept(without_reports)
+    goal = step(robot, 20.0)
+    robot.chassis.wait_received(CALL_ACTION)
+    robot.chassis.call(lambda sim: sim.chassis.actions.cancel(STEP))
+    goal.cancel()
+    assert goal.result(timeout=3.0)[0] == CANCELED

@@ -149,6 +149,15 @@ class TestRefused:
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
 
+    def test_a_zero_with_a_stale_stamp_stops_the_robot(self, simulator, connect, client, twists):
+        connect(cmd_vel_stamped=True, cmd_vel_timeout=5.0)
+        sender = Sender(client, TwistStamped)
+        sender.send_stamped(0.1, age=0.0)
+        simulator.wait_received(TWIST)
+        sender.send_stamped(0.0, age=3.0)
+        simulator.wait_received(TWIST, 2, timeout=4.0)
+        assert twists()[1] == (0.0, 0.0, 0.0)
+
     @pytest.mark.parametrize("ahead", [3600.0, -1.0], ids=["an hour", "before 1970"])
     def test_a_stamp_in_the_future_is_refused(self, simulator, connect, client, logs, ahead):
         connect(cmd_vel_stamped=True)

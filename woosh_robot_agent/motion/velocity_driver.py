@@ -217,13 +217,9 @@ class VelocityDriver:
             self.log_refusal("value", said_by(error))
             return
         now = asyncio.get_running_loop().time()
-        # during a stall of this process, it received nothing from a sender that went on
-        silent_since, self._received = max(self._received, self._gate.stall_ended), now
-        has_paused = now - silent_since > self._gate.timing.pause
         published = min(published, now)
         moves = any(values)
-        if not moves or has_paused:
-            self._silenced = ""
+        self.note_received(moves)
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
                 self._silence(_NOT_PERMITTED)
@@ -246,6 +242,20 @@ class VelocityDriver:
             self._published = published
             self._waiting = limited
             self._send_or_wait(now)
+
+    def note_received(self, moves: bool) -> None:
+        """Note that a velocity of the stream came, for rule 3; `drive` does so by itself."""
+        now = asyncio.get_running_loop().time()
+        # during a stall of this process, it received nothing from a sender that went on
+        silent_since, self._received = max(self._received, self._gate.stall_ended), now
+        has_paused = now - silent_since > self._gate.timing.pause
+        if not moves or has_paused:
+            self._silenced = ""
+
+    def end(self) -> None:
+        """Stop the robot at once, unless a stop has done so. Rule 3 goes on."""
+        if not self._silenced:
+            self.drive(0.0, 0.0, 0.0)
 
     def log_refusal(self, kind: str, reason: str) -> None:
         """Log why a velocity is refused, and what to do; reasons of one kind are logged once."""

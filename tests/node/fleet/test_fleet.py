@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.qos import QoSProfile
@@ -151,6 +152,24 @@ def test_log_lines_come_once_with_the_robots_name(
         lines = [line for line in fleet.lines if f":{simulator.port}" in line]
         assert len(lines) == 1, lines
         assert logger_of(name) in lines[0]
+
+
+def test_the_end_of_a_goal_pose_is_logged_with_the_robots_name(
+    fleet: Program, clients: dict[str, Client]
+) -> None:
+    for name, frame in zip(ROBOTS, ("r1/map", "hall/r2/map"), strict=True):
+        message = PoseStamped()
+        message.header.frame_id = frame
+        message.pose.position.x = 500.0
+        message.pose.orientation.w = 1.0
+        clients[name].publisher(PoseStamped, "goal_pose").publish(message)
+    wait_until(lambda: len(_with_text(fleet, "goal_pose was not reached")) == 2, "the log lines")
+    lines = _with_text(fleet, "goal_pose was not reached")
+    assert all(any(logger_of(name) in line for line in lines) for name in ROBOTS), lines
+
+
+def _with_text(program: Program, text: str) -> list[str]:
+    return [line for line in program.lines if text in line]
 
 
 def test_an_error_is_logged_by_the_robot_that_has_it(

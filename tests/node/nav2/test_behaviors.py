@@ -258,6 +258,22 @@ class TestAssistedTeleop:
         prevent(client, simulator)
         goal.wait_aborted(reason, code="UNKNOWN")
 
+    def test_after_a_stop_the_same_stream_drives_no_new_goal(
+        self, client: Client, simulator: SimulatorThread, velocities: Any, logs: Logs
+    ) -> None:
+        velocity = Twist()
+        velocity.linear.x = 0.3
+        client.node.create_timer(0.05, lambda: velocities.publish(velocity))
+        goal = Nav2Client(client, "assisted_teleop")
+        wait_until(lambda: not stands(simulator), "the robot drives")
+        assert client.call(Trigger, "stop").success
+        goal.wait_aborted("service stop")
+        sent = simulator.counts[ChassisTwist.DESCRIPTOR.full_name]
+        goal = Nav2Client(client, "assisted_teleop")
+        goal.feedback.wait(lambda each: each.current_teleop_duration.sec >= 1)
+        assert simulator.counts[ChassisTwist.DESCRIPTOR.full_name] == sent
+        logs.wait_text("cmd_vel_teleop is ignored: the robot was stopped; send a zero")
+
     def test_the_end_of_the_agent_does_not_wait_until_the_robot_stands(
         self,
         agent: RunningAgent,

@@ -25,6 +25,7 @@ class Cancellation:
         send: sends the cancel request to the chassis.
         is_replaced: waits until it is known if a newer goal replaced this one; returns True if so.
         on_accepted: called when the chassis has accepted the cancel.
+        on_refused: called when the chassis has refused it.
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class Cancellation:
         send: Callable[[], Awaitable[Answer]],
         is_replaced: Callable[[], Awaitable[bool]],
         on_accepted: Callable[[], None],
+        on_refused: Callable[[], None],
     ) -> None:
         self.requested = False
         """True once the client has requested a cancel, even if `GoalRun` has not handled it yet."""
@@ -42,6 +44,7 @@ class Cancellation:
         self._send = send
         self._is_replaced = is_replaced
         self._on_accepted = on_accepted
+        self._on_refused = on_refused
         self._task: asyncio.Task[None] | None = None
 
     def send_soon(self) -> None:
@@ -74,10 +77,11 @@ class Cancellation:
                 self._on_accepted()
             else:
                 _LOG.warning(
-                    "the chassis refused to cancel %s, which is still running: %s",
+                    "the chassis refused to cancel %s, which may still be running: %s",
                     self._name,
                     answer.reason,
                 )
+                self._on_refused()
 
 
 _CHECK = "check the robot, and stop it with the `stop` service if necessary"

@@ -229,7 +229,7 @@ class AssistedTeleop(Nav2Action):
             end = reason
         finally:
             self._goal = None
-            self._driver.drive(0.0, 0.0, 0.0)  # stop the robot at once
+            self._driver.end()
         await self.context.pose.wait_until_standing()  # not when the agent stops
         if end is not None:
             raise end
@@ -249,16 +249,16 @@ class AssistedTeleop(Nav2Action):
         )
 
     def _drive(self, message: Any, info: Any, taken: float) -> None:
+        # a TwistStamped, if the parameter cmd_vel_stamped is true
+        twist = getattr(message, "twist", message)
+        values = (twist.linear.x, twist.linear.y, twist.angular.z)
         if self._goal is None:
+            self._driver.note_received(any(values))
             return
-        twist = message
-        if hasattr(message, "header"):  # a TwistStamped, by the parameter cmd_vel_stamped
-            twist = message.twist
-            if objection := stamp_objection(self.context.standard, message.header.stamp):
-                self._driver.log_refusal("age", objection)
-                return
-        published = self._clock.of_message(info, taken)
-        self._driver.drive(twist.linear.x, twist.linear.y, twist.angular.z, published)
+        if twist is not message and (objection := stamp_objection(self.context.standard, message)):
+            self._driver.log_refusal("age", objection)
+            return
+        self._driver.drive(*values, self._clock.of_message(info, taken))
 
     def _preempt(self, _message: Any) -> None:
         if self._goal is not None and not self._preempted.done():

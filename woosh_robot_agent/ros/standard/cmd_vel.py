@@ -82,7 +82,7 @@ class CmdVel(Part):
         await self._driver.run()
 
     def _drive_stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
-        if objection := stamp_objection(self._context, message.header.stamp):
+        if objection := stamp_objection(self._context, message):
             self._driver.log_refusal("age", objection)
         else:
             self._drive(message.twist, info, taken)
@@ -104,8 +104,11 @@ class CmdVel(Part):
         return [f"{name} (on cmd_vel)" for name in names]
 
 
-def stamp_objection(context: PartContext, stamp: Any) -> str:
-    """Return why a velocity with this stamp is not sent; empty if it may be."""
+def stamp_objection(context: PartContext, message: TwistStamped) -> str:
+    """Return why a velocity is not sent because of its stamp; empty if it may be."""
+    twist, stamp = message.twist, message.header.stamp
+    if not any((twist.linear.x, twist.linear.y, twist.angular.z)):
+        return ""  # a zero always stops the robot
     # the stamp may be before 1970, which rclpy's Time refuses
     age = (context.now_ns() - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
     limit = context.settings().cmd_vel_max_age

@@ -21,6 +21,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetRobotPose
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.ros.bridge import Reply
+from woosh_robot_agent.ros.logs import log_as
 from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose_in
 
@@ -140,6 +141,7 @@ class GoalPose(Part):
             result.add_done_callback(lambda future: self._ended(number, handle, future))
 
     def _ended(self, number: int, handle: Any, future: Any) -> None:
+        log_as(self._context.robot.node.get_logger())
         self._handles.remove(handle)
         response = future.result()
         if response.status == GoalStatus.STATUS_ABORTED and number == self._newest:
