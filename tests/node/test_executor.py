@@ -259,10 +259,9 @@ def test_a_flood_for_an_urgent_entity_holds_up_no_other(rig: Rig) -> None:
     assert rig.spin(3) == ["flood"] * 3
     stop()
     other()
-    rig.spin(6)
+    # the flood may fill the rest of a turn, whose length is limited
+    rig.spin_until(lambda: {"stop", "other"} <= set(rig.ran))
     again.clear()
-    assert "stop" in rig.ran
-    assert "other" in rig.ran
 
 
 def test_all_requests_of_a_service_run_in_one_turn(rig: Rig, waits: Counter[str]) -> None:
