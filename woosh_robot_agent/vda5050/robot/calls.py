@@ -273,7 +273,9 @@ class RobotCalls:
         if report.state == ros_pack_pb2.kRosExecuting:
             if not (call.accepted or call.reported):
                 call.report(ActionStatus.RUNNING)
-            call.reported = True
+            if not call.reported:
+                call.reported = True
+                call.controller.send_now()  # the robot may have refused a command before it began
             self._update_paused(call, paused=False)
         elif report.state == ros_pack_pb2.kRosPause:
             call.reported = True
@@ -314,7 +316,7 @@ class RobotCalls:
 
     def _link_changed(self, state: LinkState) -> None:
         for call in self._calls.values():
-            call.controller.link_changed()
+            call.controller.send_now()
 
     def _ask_about(self, call: _Call) -> None:
         """Ask the robot about an action, until it answers or the link is lost."""

@@ -253,7 +253,9 @@ class TaskRunner:
 
     def _handle_report(self, report: TaskProc) -> None:
         """Update the current task from a report."""
-        self.confirmed = True
+        if not self.confirmed:
+            self.confirmed = True
+            self._controller.send_now()  # the robot may have refused a command before it began
         if report.state in _END_REASONS:
             reason = _END_REASONS[report.state]
             text = report.msg if reason else ""
@@ -335,7 +337,7 @@ class TaskRunner:
         return end_of(answer) is not None
 
     def _link_changed(self, state: LinkState) -> None:
-        self._controller.link_changed()
+        self._controller.send_now()
         if state is not LinkState.READY:
             self.confirmed = False
 
