@@ -282,6 +282,7 @@ class Execution:
         """Clear the order if the mode of the robot, or the loss of its position, forbids one."""
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
+            self.cancel_leftovers()
             self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
             # in mode MANUAL, `update_position` does this once the robot has left the node
             if mode is not OperatingMode.MANUAL and not self.order.busy:
