@@ -308,6 +308,26 @@ async def test_a_pause_of_a_step_that_the_robot_refuses_is_sent_until_the_robot_
 
 
 @aio
+async def test_a_pause_that_the_robot_refuses_before_it_drives_is_sent_when_it_drives(
+    broker: Mosquitto, recorder: Recorder
+) -> None:
+    # this profile reports a task up to a second after its start, like a real robot
+    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200")
+    with SimulatorThread(config) as chassis:
+        async with Site(chassis, broker, recorder).online(timing=Timing(repeat_after=60)) as master:
+            chassis.refuse(ORDER, "Request failed")
+            set_speed(chassis, 0.1)
+            master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+            await eventually(lambda: commands(chassis) == ["drive"])
+            master.instant(action("startPause", "p"))
+            await eventually(lambda: chassis.counts[ORDER])
+            chassis.clear_faults()
+            set_speed(chassis, 5.0)
+            await master.status("p", "FINISHED")
+        assert commands(chassis)[-2:] == ["pause", "pause"]
+
+
+@aio
 async def test_an_action_that_the_robot_does_not_resume_stays_paused_until_it_does(
     site: Site,
 ) -> None:

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+
+import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio, eventually
 from tests.vda5050.conftest import EXEC, ORDER, Site, task_to
-from tests.vda5050.master import START, Master, action, error_types, node, nodes_left
+from tests.vda5050.master import (
+    START,
+    Master,
+    action,
+    error_types,
+    node,
+    nodes_left,
+    result_of,
+)
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
@@ -34,6 +45,30 @@ async def test_a_manual_mode_clears_the_order(site: Site) -> None:
         await site.idle()
         assert site.chassis.state.pose.x < 7.9
         assert site.chassis.counts[EXEC] == 1
+
+
+@aio
+@pytest.mark.parametrize("when", ["before", "after"])
+async def test_a_step_does_not_go_on_when_the_key_is_back_at_automatic(
+    site: Site, when: str
+) -> None:
+    set_speed(site.chassis, 1.0)
+    async with site.online() as master:
+        step = action("step", "step", distance=1.0, speed=0.2)
+        if when == "before":
+            master.instant(step)
+            await eventually(lambda: site.chassis.state.velocity.speed > 0.1)
+        site.chassis.set_key_switch(True, accept=True)  # it also accepts what it cannot do now
+        await master.wait_state(lambda state: state["operatingMode"] == "MANUAL")
+        if when == "after":
+            master.instant(step)
+        state = await master.status("step", "FAILED")
+        assert result_of(state, "step") == "the robot is not in automatic mode"
+        site.chassis.set_key_switch(False)
+        await master.wait_state(lambda state: state["operatingMode"] == "AUTOMATIC")
+        before = site.chassis.state.pose
+        await asyncio.sleep(1.0)
+        assert site.chassis.state.pose == before
 
 
 @aio

@@ -335,6 +335,61 @@ async def test_the_file_tells_that_an_action_begins_before_it_does(
 
 
 @aio
+@pytest.mark.parametrize("kind", ["startPause", "cancelOrder"])
+@pytest.mark.parametrize("what", ["step", "pick"])
+async def test_what_an_action_has_begun_before_a_kill_is_stopped(
+    site: Site, tmp_path: Path, kind: str, what: str
+) -> None:
+    step = action("step", "step", distance=2.0, speed=0.1)
+    pick = action("pick", "pick", stationName="U5")
+    nodes = [node("a", 0, *START, actions=[step])]
+    if what == "pick":
+        nodes = [node("a", 0, *START), node("b", 2, 2.0, -7.0, actions=[pick])]
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await master.online()
+            master.order(nodes)
+            await master.status(what, "RUNNING")
+            set_speed(site.chassis, 0.3)
+            await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+            left = left_by_a_kill(tmp_path / "state")
+        master.received.clear()
+        async with site.vehicle(state_folder=left):
+            await master.status(what, "FAILED")
+            assert site.chassis.state.velocity.speed > 0.0
+            set_speed(site.chassis, NORMAL)
+            master.instant(action(kind, "stop"))
+            await master.status("stop", "FINISHED")
+            assert site.chassis.state.velocity.speed == 0.0
+    last = {"startPause": "pause", "cancelOrder": "cancel"}[kind]
+    assert commands(site.chassis)[-1].split()[-1] == last
+    assert len(commands(site.chassis)) == (2 if what == "step" else 3)
+
+
+@aio
+async def test_a_charge_that_a_kill_interrupts_while_the_robot_docks_is_not_paused_later(
+    site: Site, tmp_path: Path
+) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    charge = action("startCharging", "charge")
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await master.online()
+            master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
+            await master.status("charge", "RUNNING")
+            set_speed(site.chassis, HARDLY)
+            left = left_by_a_kill(tmp_path / "state")
+        master.received.clear()
+        async with site.vehicle(state_folder=left):
+            await master.status("charge", "FAILED")
+            set_speed(site.chassis, FAST)
+            await master.wait_state(lambda state: state["batteryState"]["charging"])
+            master.instant(action("startPause", "pause"))
+            await master.status("pause", "FINISHED")
+    assert commands(site.chassis) == ["drive", "charge C1"]
+
+
+@aio
 async def test_a_second_connector_on_the_same_machine_stays_offline(
     site: Site, tmp_path: Path
 ) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from tests.vda5050.orders import Robot, action, at, given, path, place, references
 from woosh_robot_agent.vda5050.messages.order import BlockingType, Edge, NodePosition, Order
-from woosh_robot_agent.vda5050.messages.state import ErrorLevel, ErrorType, Position
+from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorLevel, ErrorType, Position
 from woosh_robot_agent.vda5050.orders.structure import OrderKind
 
 
@@ -75,6 +75,16 @@ def test_another_order_is_rejected_while_an_action_runs() -> None:
     assert robot.refuses(path("a", order_id="other")).type == ErrorType.OTHER_ORDER_ACTIVE
     robot.finish("pick")
     robot.give(path("a", order_id="other"))
+
+
+def test_another_order_is_rejected_until_the_vehicle_stands_after_a_cancellation() -> None:
+    robot = given(path("a", actions={"a": [action("pick")]}))
+    robot.machine.cancel()
+    robot.machine.action_changed("pick", ActionStatus.FAILED)
+    robot.machine.poll(may_empty=False)  # it still rolls
+    assert robot.refuses(path("ab", order_id="other")).type == ErrorType.OTHER_ORDER_ACTIVE
+    robot.machine.poll()
+    robot.give(path("ab", order_id="other"))
 
 
 def test_another_order_takes_the_place_of_one_that_has_ended() -> None:

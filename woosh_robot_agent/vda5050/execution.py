@@ -153,6 +153,15 @@ class Execution:
         return (self.order.driving and not self.drive.stays_paused) or self.has_own_motion
 
     @property
+    def has_leftovers(self) -> bool:
+        """True while the robot executes what an action has started before a restart."""
+        return self.calls.has_leftovers or self.tasks.has_leftover
+
+    @property
+    def _is_driven_by_leftover(self) -> bool:
+        return self.has_leftovers and (self.calls.moves_base or bool(self.tasks.id))
+
+    @property
     def may_act(self) -> bool:
         """True if commands reach the robot, and no second connector may send commands, too."""
         return self.is_only_connector and self.link.ready
@@ -227,7 +236,7 @@ class Execution:
                     **references,
                 )
             )
-        if self.order.busy and self._is_driven_otherwise:
+        if self.order.busy and (self._is_driven_otherwise or self._is_driven_by_leftover):
             info = self.robot.info
             kind = info.task_proc.type if info is not None and self.drive.foreign_id else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
@@ -273,6 +282,7 @@ class Execution:
         """Clear the order if the mode of the robot, or the loss of its position, forbids one."""
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
+            self.cancel_leftovers()
             self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
             # in mode MANUAL, `update_position` does this once the robot has left the node
             if mode is not OperatingMode.MANUAL and not self.order.busy:
@@ -293,6 +303,11 @@ class Execution:
         self.calls.want(control)
         self.tasks.want(control)
         self.link.changed()
+
+    def cancel_leftovers(self) -> None:
+        """Cancel what actions have started before a restart."""
+        self.calls.cancel_leftovers()
+        self.tasks.cancel_leftover()
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Store the new status of an action of the order or of an instant action."""
@@ -376,7 +391,7 @@ class Execution:
             and not self.tasks.id
         )
         return self.order.poll(
-            may_drive=may_drive and not self._is_driven_otherwise,
+            may_drive=may_drive and not (self._is_driven_otherwise or self._is_driven_by_leftover),
             # cancelOrder itself empties the order, so that both end in the same state message
             may_empty=not self.has_own_motion and not self.instant.runs(CANCEL_ORDER),
         )

@@ -18,6 +18,7 @@ from woosh_robot_agent.vda5050.messages.reading import (
     refusal_of_zone_set,
 )
 from woosh_robot_agent.vda5050.messages.state import (
+    NOT_AUTOMATIC,
     ErrorType,
     OperatingMode,
     RejectedError,
@@ -29,7 +30,6 @@ from woosh_robot_agent.vda5050.messages.versions import Identity
 from woosh_robot_agent.vda5050.orders.structure import OrderKind, check_instant_ids, with_marks
 
 _NO_POSITION = Sentence("vda.noPosition", "the robot does not know its position")
-_NOT_AUTOMATIC = Sentence("vda.notAutomatic", "the robot is not in automatic mode")
 _MANY_NODES = Sentence("vda.manyNodes", "the order has {count} nodes, more than {most}")
 _MANY_POINTS = Sentence(
     "vda.manyPoints", "the trajectories have {count} control points, more than {most}"
@@ -71,7 +71,7 @@ class OrderCheck:
         if status is None or status.mode is not OperatingMode.AUTOMATIC:
             raise self._error(
                 ErrorType.NOT_AVAILABLE,
-                _NOT_AUTOMATIC(),
+                NOT_AUTOMATIC(),
                 "switch the robot to automatic control and task mode",
             )
         if status.position is None or not status.position.initialised:

@@ -50,6 +50,8 @@ class Record:
         serial_number: serial number that the robot reports.
         task_id: id of the robot's task that drives the current leg (part of an order without a
             stop); 0 without such a task.
+        action_task_id: id of the robot's task that an action waits for; 0 without one.
+        calls: full names of the commands of the robot's own actions that it executes.
         known_ids: ids of the last instant actions.
         last_motion: id of the last instant action that moves something; empty if there was none
             since the start of the program. It is only stored so that such an action is saved at
@@ -61,6 +63,8 @@ class Record:
     robot_id: int = 0
     serial_number: int = 0
     task_id: int = 0
+    action_task_id: int = 0
+    calls: tuple[str, ...] = ()
     order: OrderMemory = field(default_factory=OrderMemory)
     instant_actions: tuple[ActionState, ...] = ()
     known_ids: tuple[str, ...] = ()

@@ -130,6 +130,8 @@ class Vehicle:
         self._is_updating = True
         execution.speed.restore(record.speed_is_limited)
         execution.order.restore(record.order)
+        execution.calls.restore(record.calls)
+        execution.tasks.restore(record.action_task_id, info, lambda: self._reported.is_charging)
         execution.set_pause_wanted(PAUSE in record.order.holds)
         unfinished = execution.instant.restore(
             record.instant_actions, record.known_ids, record.order.holds
@@ -152,6 +154,8 @@ class Vehicle:
                     robot_id=self._robot_identity.robot_id,
                     serial_number=self._robot_identity.serial_number,
                     task_id=execution.drive.id,
+                    action_task_id=execution.tasks.awaited_id,
+                    calls=execution.calls.commands,
                     order=execution.order.memory,
                     instant_actions=execution.instant.states,
                     known_ids=execution.instant.known_ids,

@@ -85,7 +85,7 @@ async def stop_pause(run: Run) -> None:
 async def cancel_order(run: Run) -> None:
     """Cancel the current order, wait until everything has stopped, and empty the order."""
     execution, order = run.execution, run.execution.order
-    if not (order.busy or order.canceling):
+    if not (order.busy or execution.has_leftovers):
         raise ActionFailedError(_NO_ORDER(), ErrorType.NO_ORDER_TO_CANCEL)
     if run.given.get("orderId", order.order_id) != order.order_id:
         raise ActionFailedError(
@@ -94,9 +94,13 @@ async def cancel_order(run: Run) -> None:
         )
     if not order.canceling:
         order.cancel()
+    execution.cancel_leftovers()
     run.link.changed()  # sends the cancellation to the robot
     await run.link.conditions.wait(
-        lambda: not order.canceling or (order.has_ended and not execution.has_own_motion)
+        lambda: (
+            not order.canceling
+            or (order.has_ended and not (execution.has_own_motion or execution.has_leftovers))
+        )
     )
     if order.canceling:  # otherwise another cancelOrder has emptied it
         order.empty()

@@ -15,7 +15,12 @@ from woosh_robot_agent.vda5050.actions.performing import Run, VehicleAction
 from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.factsheet import ActionTypes
 from woosh_robot_agent.vda5050.messages.order import Action
-from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
+from woosh_robot_agent.vda5050.messages.state import (
+    NOT_AUTOMATIC,
+    ActionFailedError,
+    ActionStatus,
+    ErrorType,
+)
 from woosh_robot_agent.vda5050.messages.versions import Version
 from woosh_robot_agent.vda5050.orders.actions import count_startable
 from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
@@ -80,32 +85,44 @@ class ActionRunner:
         """Actions that have not started, by id, in the order in which they must start."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Tasks of the actions that run, by id."""
-        self._ending: set[str] = set()
-        """Ids of the actions that are being ended."""
+        self._ending: dict[str, str] = {}
+        """Reasons why actions are being ended, by id."""
 
     def execute(self, command: Perform | EndAction) -> None:
-        """Start an action as soon as its blocking type permits, or end it.
-
-        An action fails when it is ended, unless it has ended by itself before.
-        """
+        """Start an action as soon as its blocking type permits, or end it."""
         action = command.action
-        if isinstance(command, Perform):
-            if command.at_once:
-                self._start(action)
-            else:
-                self._waiting[action.id] = action
-                self._execution.action_changed(action.id, ActionStatus.WAITING)
-                self.poll()  # now: the next command may be the drive away from its node
-        elif self._waiting.pop(action.id, None) is not None:
-            self._execution.action_changed(action.id, ActionStatus.FAILED, _ENDED)
+        if isinstance(command, EndAction):
+            self._end(action, _ENDED)
+        elif command.at_once:
+            self._start(action)
+        else:
+            self._waiting[action.id] = action
+            self._execution.action_changed(action.id, ActionStatus.WAITING)
+            self.poll()  # now: the next command may be the drive away from its node
+
+    def _end(self, action: Action, reason: str) -> None:
+        """End an action, which fails for this reason unless it has ended by itself before."""
+        if self._waiting.pop(action.id, None) is not None:
+            self._execution.action_changed(action.id, ActionStatus.FAILED, reason)
         elif action.id in self._tasks and action.id not in self._ending:
             # once: a second cancellation would end the wait for the robot's end of the action
-            self._ending.add(action.id)
+            self._ending[action.id] = reason
             self._tasks[action.id].cancel()
+
+    def _end_motion(self) -> None:
+        """End the actions that move something: the robot is not in automatic mode.
+
+        Otherwise the robot might go on with them when people switch it back.
+        """
+        for action in (*self._waiting.values(), *self._execution.active.values()):
+            if ACTIONS[action.type].type.pausable:
+                self._end(action, NOT_AUTOMATIC())
 
     def poll(self) -> None:
         """Start the actions that may start now."""
         execution = self._execution
+        if not execution.robot.is_automatic:
+            self._end_motion()
         waiting: Iterable[Action] = self._waiting.values()
         if execution.link.is_closing or not execution.may_act:
             return
@@ -128,7 +145,7 @@ class ActionRunner:
     def _done(self, action: Action, task: asyncio.Task[None]) -> None:
         """Let an action fail if its task was cancelled before `_run` began."""
         if self._tasks.get(action.id) is task:
-            self._ended(action, ActionStatus.FAILED, _ENDED)
+            self._ended(action, ActionStatus.FAILED, self._ending.get(action.id, _ENDED))
 
     async def _run(self, action: Action) -> None:
         def report(status: ActionStatus) -> None:
@@ -144,7 +161,7 @@ class ActionRunner:
                 report(ActionStatus.RUNNING)
             result = await definition.perform(run)
         except asyncio.CancelledError:
-            self._ended(action, ActionStatus.FAILED, _ENDED)
+            self._ended(action, ActionStatus.FAILED, self._ending.get(action.id, _ENDED))
             raise
         except ActionFailedError as error:
             self._failed(action, said_by(error), error.kind)
@@ -164,7 +181,7 @@ class ActionRunner:
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
         self._execution.active.pop(action.id, None)
         self._tasks.pop(action.id, None)
-        self._ending.discard(action.id)
+        self._ending.pop(action.id, None)
         # when the connector ends, the robot goes on, and the action must not count as ended
         if not self._execution.link.is_closing:
             self._execution.action_changed(action.id, status, result)

@@ -12,6 +12,8 @@ ROBOT_REFUSED = Sentence("vda.refused", "the robot refused {what}: {reason}")
 """Reason of a failure: a refusal, with the robot's text."""
 WITH_TEXT = Sentence("vda.withText", "{reason}: {text}")
 """Reason of a failure that is not a refusal, with the robot's text."""
+NOT_AUTOMATIC = Sentence("vda.notAutomatic", "the robot is not in automatic mode")
+"""Reason why nothing that moves the robot is performed."""
 NO_STATE = Sentence("vda.noState", "the robot has not reported its state yet")
 """Reason of a failure before the first report of the robot."""
 

@@ -113,7 +113,9 @@ class OrderMachine:
 
     @property
     def busy(self) -> bool:
-        """True if the vehicle executes an order, or waits for an update of it."""
+        """True if the vehicle executes or cancels an order, or waits for an update of it."""
+        if self.canceling:
+            return True
         route, actions = self._route, self._actions
         return bool(route.nodes or route.edges or route.leg or actions.running or actions.triggered)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 from google.protobuf.message import Message
@@ -16,7 +17,7 @@ from woosh_robot_agent.link import (
     LinkState,
     RequestTimeoutError,
 )
-from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
@@ -76,6 +77,7 @@ class _Call:
             failure, or an empty text after a success.
         outcome_unknown: True if the robot does not tell how the action ended.
         is_cancelled: True once the action is being cancelled.
+        is_leftover: True if the action was started before a restart of the program.
         result: text of the last report.
         controller: pauses, resumes and cancels the action.
     """
@@ -91,6 +93,7 @@ class _Call:
         self.cannot_pause = False
         self.outcome_unknown = False
         self.is_cancelled = False
+        self.is_leftover = False
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.result = ""
 
@@ -129,6 +132,16 @@ class RobotCalls:
         link.chassis.on_state(self._link_changed)
 
     @property
+    def commands(self) -> tuple[str, ...]:
+        """Full names of the commands whose actions the robot executes."""
+        return tuple(self._calls)
+
+    @property
+    def has_leftovers(self) -> bool:
+        """True while the robot executes actions that were started before a restart."""
+        return any(call.is_leftover for call in self._calls.values())
+
+    @property
     def moves_base(self) -> bool:
         """True while the robot executes an action that moves its base."""
         return not self._calls.keys().isdisjoint(_MOVES_BASE)
@@ -151,6 +164,28 @@ class RobotCalls:
             call.cannot_pause = False  # the robot may be able to now
             call.controller.want(control)
 
+    def restore(self, commands: Iterable[str]) -> None:
+        """Take over the actions that the robot may still execute after a restart of the program.
+
+        Args:
+            commands: `commands` before the restart.
+        """
+        for name in commands:
+            call = self._calls[name] = self._new_call(message_type(name)(), lambda status: None)
+            call.accepted = call.is_leftover = True
+            call.ended.add_done_callback(partial(self._leftover_ended, name))
+            self._ask_about(call)
+
+    def _leftover_ended(self, name: str, _ended: asyncio.Future[str]) -> None:
+        del self._calls[name]
+        self._link.changed()
+
+    def cancel_leftovers(self) -> None:
+        """Cancel the actions that were started before a restart."""
+        for call in self._calls.values():
+            if call.is_leftover:
+                call.controller.want(Control.CANCEL)
+
     def is_cancelling(self, command: Message) -> bool:
         """Return True while an action of the same kind is being cancelled."""
         call = self._calls.get(full_name(command))
@@ -172,6 +207,7 @@ class RobotCalls:
         if name in self._calls:
             raise ActionFailedError(_ANOTHER(name=command.DESCRIPTOR.name))
         call = self._calls[name] = self._new_call(command, report)
+        self._link.changed()  # so that `commands` is saved
         try:
             await self._start(call)
             reason = await asyncio.shield(call.ended)
@@ -237,7 +273,9 @@ class RobotCalls:
         if report.state == ros_pack_pb2.kRosExecuting:
             if not (call.accepted or call.reported):
                 call.report(ActionStatus.RUNNING)
-            call.reported = True
+            if not call.reported:
+                call.reported = True
+                call.controller.send_now()  # the robot may have refused a command before it began
             self._update_paused(call, paused=False)
         elif report.state == ros_pack_pb2.kRosPause:
             call.reported = True
@@ -278,7 +316,7 @@ class RobotCalls:
 
     def _link_changed(self, state: LinkState) -> None:
         for call in self._calls.values():
-            call.controller.link_changed()
+            call.controller.send_now()
 
     def _ask_about(self, call: _Call) -> None:
         """Ask the robot about an action, until it answers or the link is lost."""

@@ -94,8 +94,8 @@ class Controller:
         self._start_sending()
         return changed
 
-    def link_changed(self) -> None:
-        """Send the wanted command at once, if there is a link now."""
+    def send_now(self) -> None:
+        """Send the wanted command at once, if there is a link, e.g. because there is one now."""
         self._wake.set()
 
     def end(self) -> None:

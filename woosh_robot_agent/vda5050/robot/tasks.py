@@ -253,7 +253,9 @@ class TaskRunner:
 
     def _handle_report(self, report: TaskProc) -> None:
         """Update the current task from a report."""
-        self.confirmed = True
+        if not self.confirmed:
+            self.confirmed = True
+            self._controller.send_now()  # the robot may have refused a command before it began
         if report.state in _END_REASONS:
             reason = _END_REASONS[report.state]
             text = report.msg if reason else ""
@@ -335,7 +337,7 @@ class TaskRunner:
         return end_of(answer) is not None
 
     def _link_changed(self, state: LinkState) -> None:
-        self._controller.link_changed()
+        self._controller.send_now()
         if state is not LinkState.READY:
             self.confirmed = False
 
@@ -359,11 +361,18 @@ class ActionTasks:
         """
         self._report: Callable[[ActionStatus], None] = lambda status: None
         """Called with the status of the action that waits for the task, or has waited last."""
+        self.has_leftover = False
+        """True while the robot executes a task that an action started before a restart."""
 
     @property
     def id(self) -> int:
         """Id of the task that the robot executes for an action; 0 without a task."""
         return self._task.id
+
+    @property
+    def awaited_id(self) -> int:
+        """Id of the task that an action waits for; 0 without one."""
+        return self._task.id if self._end is not None else 0
 
     @property
     def confirmed(self) -> bool:
@@ -385,6 +394,32 @@ class ActionTasks:
         if self._end is not None:
             self._task.want(control)
 
+    def restore(self, task_id: int, info: RobotInfo, is_done: Callable[[], bool]) -> None:
+        """Take over the task that the robot may still execute after a restart of the program.
+
+        Args:
+            task_id: `awaited_id` before the restart.
+            info: the first report of the robot.
+            is_done: returns True if what the action waited for has happened, as in `perform`.
+        """
+        if task_id:
+            self.has_leftover = True
+            self._end = asyncio.get_running_loop().create_future()
+            self._link.background.start(self._wait_for_leftover(self._end, is_done))
+            self._task.restore(task_id, info)
+
+    async def _wait_for_leftover(
+        self, end: asyncio.Future[str], is_done: Callable[[], bool]
+    ) -> None:
+        await self._link.conditions.wait(lambda: end.done() or is_done())
+        self._end, self.has_leftover = None, False
+        self._link.changed()
+
+    def cancel_leftover(self) -> None:
+        """Cancel the task that was started before a restart."""
+        if self.has_leftover:
+            self._task.want(Control.CANCEL)
+
     async def perform(
         self,
         request: ExecTask,
@@ -405,6 +440,7 @@ class ActionTasks:
             raise ActionFailedError(_OTHER_ACTION())
         end: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self._end, self._report = end, report
+        self._link.changed()  # so that `awaited_id` is saved before the task is sent
         self._task.start(request)
         report(ActionStatus.RUNNING)
         try:
