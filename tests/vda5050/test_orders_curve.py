@@ -49,6 +49,17 @@ def test_a_very_long_curve_has_few_points() -> None:
     assert len(points) < 120
 
 
+@pytest.mark.parametrize("degree", [1, 3, 5])
+def test_a_curve_of_many_control_points_has_few_points(degree: int) -> None:
+    wave = [(number * 0.02, math.sin(number / 50)) for number in range(500)]
+    knots = [0.0] * degree + [float(number) for number in range(501 - degree)]
+    long = curve(degree, knots + knots[-1:] * degree, *wave)
+    assert curve_defect(long) == ""
+    points = curve_points(long)
+    assert (points[0], points[-1]) == (wave[0], pytest.approx(wave[-1]))
+    assert len(points) < 120  # a chassis may refuse longer paths
+
+
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
