@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import set_speed
 from tests.tools.waiting import aio
 from tests.vda5050.conftest import Site
 from tests.vda5050.fields import schema_fields
@@ -342,10 +343,12 @@ async def test_an_order_of_three_nodes_is_driven(site: Site) -> None:
             node("b", 2, 6.0, -7.0),
             node("c", 4, 7.0, -7.0, theta=0.5, allowedDeviationTheta=0.0),
         ]
+        set_speed(site.chassis, 1.0)  # so that no state is missed
         master.order(nodes, _edges(nodes))
         accepted = await master.accepted("order")
         assert accepted["lastNodeId"] == "a"
         await master.wait_state(lambda state: "plannedPath" in state, "a planned path")
+        set_speed(site.chassis, 20.0)
         await master.reached("c")
         ended = await master.wait_state(lambda state: not state["driving"])
 
