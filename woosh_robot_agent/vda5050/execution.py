@@ -158,8 +158,10 @@ class Execution:
         return self.calls.has_leftovers or self.tasks.has_leftover
 
     @property
-    def _is_driven_by_leftover(self) -> bool:
-        return self.has_leftovers and (self.calls.moves_base or bool(self.tasks.id))
+    def _must_wait(self) -> bool:
+        """True if something drives the robot, also a leftover, for whose end the order waits."""
+        may_move_base = self.calls.moves_base or bool(self.tasks.id)
+        return self._is_driven_otherwise or (self.has_leftovers and may_move_base)
 
     @property
     def may_act(self) -> bool:
@@ -236,7 +238,7 @@ class Execution:
                     **references,
                 )
             )
-        if self.order.busy and (self._is_driven_otherwise or self._is_driven_by_leftover):
+        if self.order.busy and self._must_wait:
             info = self.robot.info
             kind = info.task_proc.type if info is not None and self.drive.foreign_id else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
@@ -391,7 +393,7 @@ class Execution:
             and not self.tasks.id
         )
         return self.order.poll(
-            may_drive=may_drive and not (self._is_driven_otherwise or self._is_driven_by_leftover),
+            may_drive=may_drive and not self._must_wait,
             # cancelOrder itself empties the order, so that both end in the same state message
             may_empty=not self.has_own_motion and not self.instant.runs(CANCEL_ORDER),
         )

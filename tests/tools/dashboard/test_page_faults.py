@@ -30,6 +30,12 @@ from woosh_robot_agent.simulator import SimulatorThread
 pytestmark = pytest.mark.timeout(300)
 
 
+def own_port() -> list[str]:
+    """Return options with a free port, which a dashboard keeps when it is started again."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return ["--page-port", str(taken.getsockname()[1])]
+
+
 def test_the_stick_drives_until_the_driver_goes_away(robot: SimulatedPage, tabs: Browser) -> None:
     tabs.drive(robot)
     tabs.driver.switch_to.new_window("tab")
@@ -144,8 +150,7 @@ def test_over_a_slow_connection_nothing_drives_but_stop_works(
 
 
 def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: Browser) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        options = ["--page-port", str(taken.getsockname()[1])]
+    options = own_port()
     with program(chassis, options=options) as (process, url):
         window.open(url)
         process.kill()
@@ -170,8 +175,7 @@ def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: 
 def test_a_page_that_may_no_longer_stop_says_so(chassis: SimulatorThread, window: Browser) -> None:
     from selenium.webdriver.common.keys import Keys
 
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        options = ["--page-port", str(taken.getsockname()[1])]
+    options = own_port()
     with program(chassis, options=options) as (_, url):
         window.open(url)
     with program(chassis, options=options, control=False):
@@ -215,8 +219,7 @@ def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
 
         eventually(is_set, "the limit")
 
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        options = ["--page-port", str(taken.getsockname()[1])]
+    options = own_port()
     with program(chassis, other, options=options) as (process, url):
         window.open(url)
         window.show("setup")
@@ -378,8 +381,7 @@ def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_sam
         window.script("delete connection.connect && delete connection.held")
         window.press("#stop")
 
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        options = ["--page-port", str(taken.getsockname()[1])]
+    options = own_port()
     with program(chassis, other, options=options) as (_, url):
         window.open(url)
         window.script("document.querySelector('#robots').selectedIndex = 1")
@@ -427,8 +429,7 @@ def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
 def test_the_plots_come_with_a_restarted_dashboard(
     chassis: SimulatorThread, window: Browser
 ) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        options = ["--page-port", str(taken.getsockname()[1])]
+    options = own_port()
     with program(chassis, options=options) as (process, url):
         window.open(url)
         process.kill()

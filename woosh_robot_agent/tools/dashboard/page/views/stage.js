@@ -207,6 +207,8 @@ function Notices() {
     updateCovered();
     map?.refit();
   }, [known, isTiny]);
+  // it stays folded or open while only its numbers change, e.g. seconds
+  const key = notice?.title.replace(/\d+/g, "");
   return html`<div class="notices" ref=${box}>
     ${
       alarms.length > 0 &&
@@ -223,7 +225,7 @@ function Notices() {
     ${
       notice &&
       html`<section class="notice ${notice.tone}" id="notice" role="status">
-        <details key=${notice.title.replace(/\d+/g, "")} open=${!isTiny}>
+        <details key=${key} open=${!isTiny}>
           <summary><${Icon} name="alarm" /><b>${notice.title}</b></summary>
           <p>${notice.text}</p>
         </details>
