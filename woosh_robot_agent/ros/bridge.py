@@ -104,7 +104,9 @@ class _TimedSelector(selectors.DefaultSelector):
 
 
 class LinkThread:
-    """The link thread, as the agent of one robot uses it: its work logs to the robot's node.
+    """The link thread, as the agent of one robot uses it.
+
+    All work that is started with this object logs to the robot's node.
 
     Args:
         thread: the link thread; it may serve other robots too.

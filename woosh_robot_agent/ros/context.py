@@ -21,7 +21,7 @@ class RobotContext:
     thread: LinkThread
     """The link thread."""
     chassis: ChassisClient
-    """The link; use it in the link thread only."""
+    """The link; use it in the link thread only, except for methods that are thread-safe."""
     gate: MotionGate
     """Sends commands to the chassis."""
     last_known: LastKnown

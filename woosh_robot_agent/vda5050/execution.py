@@ -286,7 +286,8 @@ class Execution:
             mode = self.robot.status.mode
             self.cancel_leftovers()
             self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
-            # in mode MANUAL, `update_position` does this once the robot has left the node
+            # a busy order needs its last node until it has ended; in mode MANUAL, `update_position`
+            # forgets the last node, but only once the robot has left it
             if mode is not OperatingMode.MANUAL and not self.order.busy:
                 self.order.set_last_node("")
         elif self._has_lost_position:

@@ -112,7 +112,9 @@ class Vehicle:
         self._session.start()
 
     def _restore(self, record: Record, damage: VehicleError | None) -> None:
-        """Restore the order after a restart, and ask the robot for the state of its task.
+        """Restore the order and the actions after a restart.
+
+        If another robot answers than before the restart, drop them, and report an error instead.
 
         Args:
             record: content of the state file; empty after a first start.

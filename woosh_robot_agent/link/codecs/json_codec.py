@@ -173,8 +173,8 @@ def from_json(data: object, message: Message) -> None:
 
     Accepts camelCase and snake_case names, enum names and numbers, 64-bit integers as strings
     and numbers, booleans as 0 and 1, NaN and infinities as numbers and strings. Skips unknown
-    fields and null. In a list, null becomes NaN among floating-point numbers and the default
-    elsewhere, so that the other items keep their places.
+    fields, unknown enum names and null. In a list, these names and null become NaN among
+    floating-point numbers and the default elsewhere, so that the other items keep their places.
 
     Raises:
         FieldError: a value does not fit its field.
@@ -526,7 +526,14 @@ def _check_parts(text: str | bytes) -> None:
 
 
 def _integer(value: Any) -> int | None:
-    """Return a number of the envelope as an integer; None if it is left out."""
+    """Return a number of the envelope, which may be written as text, as an integer.
+
+    Returns:
+        None if the number is left out or null.
+
+    Raises:
+        ValueError, TypeError or OverflowError (`BAD_VALUE`): the value is not an integer.
+    """
     if value is None or type(value) is int:
         return value
     if isinstance(value, str) and len(value) > LONGEST_NUMBER:

@@ -81,15 +81,19 @@ def put_into_frame(frame: str, texts: list[str]) -> str:
 def take_from_frame(frame: str | bytes) -> tuple[str | bytes, list[str]]:
     """Replace the long base64 texts in a JSON frame by short ones, before it is parsed.
 
+    Looking for each quotation mark would take too long. So this looks for one mark after each step
+    of `_STEP`: a text of twice that length contains a whole step. Shorter texts may stay.
+
     Returns:
-        The shorter frame, and the texts, for `put_into_value`.
+        The shorter frame, or the frame itself without such a text; and the texts, for
+        `put_into_value`.
     """
     quote: Any = b'"' if isinstance(frame, bytes) else '"'
     pieces: list[Any] = []
     texts: list[str] = []
     copied, at = 0, _STEP
     while at < len(frame) and (end := frame.find(quote, at)) >= 0:
-        if end - at >= _STEP:  # no quotation mark here: probably inside of a long text
+        if end - at >= _STEP:  # no mark from `at` to `end`: probably inside of a long text
             begin = frame.rfind(quote, at - _STEP, at) + 1  # 0 if there is no mark
             text = _text(frame, begin, end) if begin else None
             if text is not None:

@@ -215,8 +215,10 @@ class Attribution:
     def admit_polled(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
         """Decide if a report in a poll's answer is to be passed to `attribute`.
 
-        Return False for the end of an earlier goal, which the chassis repeats. Call this once for
-        each report: once this goal is accepted, the same end is rejected only one more time.
+        Return False for an end that may be that of an earlier goal, which the chassis repeats: the
+        end that was its last report before this goal, and, before this goal is accepted, any end if
+        that report is not known. Call this once for each report: once this goal is accepted, the
+        same end is rejected only one more time.
 
         Args:
             report: the report.

@@ -73,13 +73,13 @@ def chassis_pose(message: PoseStamped) -> ChassisPose:
 class Progress:
     """The poses, the distance and the time that are left of a navigation.
 
-    The distance is measured along the path that the robot reports, or straight from pose to pose
-    without a path to the goal. Call the methods often while the robot drives: they compare its
-    present pose with the poses and the path.
+    The distance is measured along the path that the robot reports. If the robot reports no path to
+    the goal, the distance is measured straight from pose to pose. Call the methods often while the
+    robot drives: they compare its present pose with the poses and the path.
 
     Args:
         context: the objects that Nav2's actions share.
-        stops: the poses to pass; the last one is the goal.
+        stops: the poses to pass, at least one, in the frame of the map; the last one is the goal.
     """
 
     def __init__(self, context: Nav2Context, stops: Sequence[PoseStamped]) -> None:
@@ -110,7 +110,10 @@ class Progress:
         return len(self._stops)
 
     def distance_and_time_left(self) -> tuple[float, float]:
-        """Return the remaining distance in metres, and the expected time in seconds."""
+        """Return the remaining distance in metres, and the expected time in seconds.
+
+        Both are 0 while the pose of the robot is not known.
+        """
         pose = self._robot_pose.pose
         if pose is None:
             return 0.0, 0.0

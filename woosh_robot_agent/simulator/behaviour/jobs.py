@@ -184,14 +184,17 @@ class Turn:
 
     Attributes:
         angle: angle in radians, negative for clockwise. It may exceed a full turn.
-        speed: turn rate, in rad/s.
+        speed: maximum turn rate, in rad/s.
     """
 
     angle: float
     speed: float
 
     def remaining(self, start: Pose, now: Pose) -> float:
-        """Return the remaining angle in radians, with the sign of the turn that it needs."""
+        """Return the remaining angle in radians, with the sign of the turn that it needs.
+
+        The poses are from the odometry, whose angle is not wrapped, so it counts full turns.
+        """
         return self.angle - (now.theta - start.theta)
 
     def velocity(self, remaining: float, dt: float) -> Velocity:

@@ -429,7 +429,7 @@ class Tasks:
         self.state = _NO_STATE
 
     def _leave_task(self) -> None:
-        """Report that the robot has no task, and start the next task of the set."""
+        """Report that the robot has no task; soon afterwards, start the next of the set, if any."""
         self._push(self._empty_report())
         self._clear_state()
         self._scheduled.add(_PUSH_GAP, partial(self._start_next, at_once=True))

@@ -74,11 +74,12 @@ READ_ONLY = Text("reason.readOnly")
 class Robot:
     """A robot that viewers watch: its link, and the parts about it. Used in one event loop.
 
-    Scans are requested while somebody watches this robot, its map while somebody watches any robot.
+    A part is a named section of the page's data, and a viewer is an open page; see `Parts`. Scans
+    are requested while a viewer watches this robot, the map while a viewer watches any robot.
 
     Args:
         config: address and timeouts of the robot.
-        shared: parts about all robots together, which every viewer watches.
+        shared: the parts that are not about a single robot; every viewer watches them.
         control: True if the robot may be commanded. Otherwise the client of the link refuses every
             request that could change or move something.
         scan_rate: rate at which scans are requested, in Hz.
@@ -87,11 +88,11 @@ class Robot:
     Attributes:
         chassis: the link.
         view: state of the robot as received so far.
-        requests: completes requests with the robot's id, if an id is configured.
+        requests: creates requests, with the robot's id if an id is configured.
         map: the map of the robot.
         parts: the parts about this robot, which its viewers watch.
         silence: time for which the robot has been connected but has sent nothing, in whole seconds;
-            0 while nobody watches any robot.
+            0 while no viewer watches any robot.
         order: returns the order that a fleet manager has given the robot; None without one. The
             program that runs the dashboard may replace it.
     """

@@ -28,10 +28,12 @@ class StopAlarm:
         self._robot = robot
         self._on_answered = on_answered
         self._reason = ""
-        self._standing_since = -math.inf
-        """Loop time of the last moment at which the robot was not seen to stand still."""
+        """Why the stop was not confirmed; empty without an alarm."""
+        self._maybe_moving_at = -math.inf
+        """Loop time of the last check that could not rule out motion; -inf before the first."""
         self._received = 0
-        """Number of frames received by then; only a later frame can show a standstill."""
+        """Number of frames received until `_maybe_moving_at`; only a later frame can show a
+        standstill."""
         robot.chassis.subscribe(PoseSpeed, lambda report: self._check_standstill())
 
     @property
@@ -50,7 +52,7 @@ class StopAlarm:
         self._on_answered()
 
     def _restart_standstill(self) -> None:
-        self._standing_since = asyncio.get_running_loop().time()
+        self._maybe_moving_at = asyncio.get_running_loop().time()
         self._received = self._robot.chassis.stats.rx
 
     def _check_standstill(self) -> None:
@@ -62,5 +64,5 @@ class StopAlarm:
         may_move = pose is None or pose["linear"] or pose["angular"]
         if may_move or self._robot.no_data or chassis.state is not LinkState.READY:
             self._restart_standstill()
-        elif now - self._standing_since > _STANDSTILL and chassis.stats.rx > self._received:
+        elif now - self._maybe_moving_at > _STANDSTILL and chassis.stats.rx > self._received:
             self._reason = ""

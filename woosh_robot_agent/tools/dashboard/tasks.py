@@ -76,7 +76,7 @@ class TaskLog:
         self._robot = robot
         self._driver = driver
         self._tasks: RecentDict[int, _Task] = RecentDict(_MAX_TASKS)
-        """The tasks by id, the last one last."""
+        """The tasks by id, in the order in which they were given or first seen."""
         robot.chassis.on_snapshot(self._snapshot)
         robot.chassis.subscribe(TaskProc, self._reported)
         robot.chassis.subscribe(NavPath, self._path_reported)

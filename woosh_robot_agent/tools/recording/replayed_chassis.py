@@ -34,13 +34,15 @@ from woosh_robot_agent.tools.recording.timeline import (
 def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | bytes:
     """Return a recorded frame in the encoding of a receiver, and with the receiver's serial number.
 
+    A push that cannot be read is returned as it is.
+
     Args:
-        frame: the recorded frame of the chassis: a push, or an answer that can be read.
-        codec: encoding of the receiver.
+        frame: the recorded frame of the chassis: a push, or an answer with a valid envelope.
+        codec: encoding of the receiver, from `server_codec`.
         sn: serial number of the receiver's request; None for a push.
     """
     recorded = server_codec(frame)
-    if recorded is not codec:
+    if recorded is not codec:  # there is one codec for each encoding
         return _reencode(frame, recorded, codec, sn)
     if sn is None:
         return frame

@@ -171,7 +171,11 @@ def vehicle_action(
     repeatable: bool = False,
     version: str = "",
 ) -> Callable[[PerformFunction], VehicleAction]:
-    """Return a decorator that makes a function an action; see `ActionType` for the arguments."""
+    """Return a decorator that makes a function an action.
+
+    Args:
+        version: as in `VehicleAction`; the other arguments are those of `ActionType`.
+    """
     kind = ActionType(
         name,
         scopes,

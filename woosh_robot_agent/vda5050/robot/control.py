@@ -24,14 +24,15 @@ class Controller:
     """Pauses, resumes and cancels one task or action. Used in the event loop of the link.
 
     A pause or a cancellation is repeated until the robot reports its effect: it does no harm,
-    because it only stops the robot. A pause is sent again if the robot goes on. A resumption is
-    sent once, when there is a link. After a cancellation, there are no other commands.
+    because it only stops the robot. A pause is sent again if the robot goes on. A resumption waits
+    for a link, and reaches the robot at most once. After a cancellation, no other command is sent.
 
     Args:
         link: the link to the robot.
         name: name of the task or the action, for the log.
         send: sends a command.
-        answered: called with the answer to a command, or with None if no answer came.
+        answered: called with each command and its answer; with None if no answer came, e.g.
+            because the command could not be sent.
         may_send: returns False while the robot would apply the commands to another task or action.
 
     Attributes:
@@ -64,7 +65,7 @@ class Controller:
         self._log = LogOnce(_LOG)
 
     def want(self, control: Control) -> None:
-        """Send a command, and replace the one before, unless that was a cancellation."""
+        """Replace the wanted command, unless it is a cancellation; send it as soon as possible."""
         if self._wanted is not Control.CANCEL:
             self._wanted = control
             self._wake.set()
