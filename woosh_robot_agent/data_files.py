@@ -46,10 +46,12 @@ class DataFileError(ValueError):
 class _Loader(_SafeLoader):
     """YAML loader that refuses what would be lost, or could grow without limit.
 
-    A key that is used twice would lose its first value. A few merge keys could expand to any size.
+    A key that is used twice would lose its first value. A few merge keys could expand to any size,
+    so none are supported.
     """
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Check the keys of a mapping; PyYAML calls this for each mapping, to expand merge keys."""
         keys = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
         seen: set[tuple[str, str]] = set()
         for key in keys:

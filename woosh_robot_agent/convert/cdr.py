@@ -125,13 +125,17 @@ def _field_writer(ros_type: str) -> _Write:
 
 
 def _numbers_writer(code: str) -> _Write:
-    """Return the function that appends numbers, without their count, to a buffer."""
+    """Return the function that appends numbers, without their count, to a buffer.
+
+    The first number is aligned to its size, counted from the end of the header.
+    """
     size = struct.calcsize("=" + code)
     typecode = "B" if code == "?" else code
 
     def write(out: bytearray, values: Any) -> None:
+        # arrays of Python and numpy have `tobytes`; a list does not, e.g. one of booleans
         data = values if hasattr(values, "tobytes") else array(typecode, values)
-        if len(data):  # an empty sequence gets no padding
+        if len(data):  # without a number, nothing is aligned
             out += bytes(-(len(out) - HEADER_SIZE) % size)
             out += data.tobytes()
 

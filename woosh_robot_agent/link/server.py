@@ -338,7 +338,7 @@ class HttpConnection(asyncio.Protocol):
 
 
 class WebSocketServerTransport:
-    """The server's end of a WebSocket.
+    """A `ServerTransport` over WebSocket.
 
     Args:
         socket: the WebSocket, after the handshake.
@@ -349,7 +349,7 @@ class WebSocketServerTransport:
         self._socket = socket
         self._connection = connection
         self._pings: deque[asyncio.Future[bool]] = deque()
-        """Pings without a pong, the oldest first."""
+        """Pings without a pong, the oldest first; the next pong answers the oldest."""
         self.peer = peer_address(connection.transport)
 
     def backlog(self) -> int:

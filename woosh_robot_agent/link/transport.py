@@ -420,11 +420,15 @@ class _ClientSocket(ClientSocket):
         super().data_received(data)
 
     def process_event(self, event: Any) -> None:
-        """Handle a frame, with `take` if possible; called by websockets 13 and later."""
+        """Pass a frame to `take` under the conditions of `Transport.take_at_once`, else queue it.
+
+        Called by websockets 13 and later.
+        """
         if isinstance(event, Frame) and event.opcode in _MESSAGE_STARTS:
             is_first, self._is_first = self._is_first, False
-            may_take = is_first and self.reader_waits and not self.queued
-            if may_take and self.take is not None and event.fin and len(event.data) < LARGE:
+            is_awaited = is_first and self.reader_waits and not self.queued
+            is_small = event.fin and len(event.data) < LARGE
+            if self.take is not None and is_awaited and is_small:
                 self.take(bytes(event.data))
                 return
             self.queued += 1

@@ -400,7 +400,7 @@ class MotionGate:
             raise
 
     async def _send_if_allowed(self, message: Message, how: Sending, sender: Sender) -> Answer:
-        """Send a motion command at once, and note whether it drives the robot.
+        """Send a motion command, unless the rules forbid it; note whether it drives the robot.
 
         Raises:
             SupersededError: the rules forbid it now.
@@ -417,7 +417,9 @@ class MotionGate:
                 self._drives_until = time.monotonic() + self.timing.driving
         answer = await self._send(message, how)  # rule 3: once
         if not answer.ok:
-            if message is self._unanswered_at_start and message is self._last_velocity:  # rule 6
+            # rule 6: the start has ended all earlier velocities, and this later one was refused;
+            # after any other refusal, an earlier velocity may still drive the robot
+            if message is self._unanswered_at_start and message is self._last_velocity:
                 self._drives_until = -math.inf
             return answer
         if takes_wheels(message):  # rule 6

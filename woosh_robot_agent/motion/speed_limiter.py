@@ -97,8 +97,8 @@ class SpeedLimiter:
         """Set the speed limit.
 
         Args:
-            limit: maximum speed, in m/s; infinite without a limit, None while there is nothing to
-                limit.
+            limit: maximum speed, in m/s; infinite to end an earlier limit; None while there is
+                nothing to limit, to send nothing.
         """
         if limit != self._limit:
             self._limit, self.refusal = limit, ""

@@ -196,7 +196,7 @@ class WaitSet:
         self._by_pointer = {each.entity.handle.pointer: each for each in entities}
 
     def wait(self, timeout: int) -> list[Watched]:
-        """Wait for at most `timeout` nanoseconds; return the ready entities."""
+        """Wait for at most `timeout` nanoseconds, or forever if negative; return ready entities."""
         wait_set = self._wait_set
         entered: list[Any] = []  # kept from being destroyed during the wait
         waitables: list[Watched] = []

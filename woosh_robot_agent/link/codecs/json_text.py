@@ -318,9 +318,9 @@ class _Pieces:
         return None
 
     def _rest(self, at: int, end: int) -> tuple[list[Any], int] | None:
-        """Return the items up to the end of the list, and the place of its bracket.
+        """Return the items up to the end of the list, and the place of its closing bracket.
 
-        Returns None if the list does not end in the piece.
+        Returns None if the list does not end in the piece, or is not JSON.
         """
         piece = self._text[at:end]
         try:
@@ -328,7 +328,7 @@ class _Pieces:
         except json.JSONDecodeError:
             self._spare -= len(piece)
             return None
-        return items, at + length - 2
+        return items, at + length - 2  # `length` counts the added bracket and the closing one
 
 
 def write(value: Any) -> str:

@@ -305,9 +305,9 @@ class Order:
 
 
 class GoalKind(Protocol):
-    """The messages of one goal: its requests, and how the chassis reports on it.
+    """The part of one goal that depends on its kind: its requests, and the chassis's reports on it.
 
-    Tasks, sets of tasks and CallAction differ in them.
+    The kinds are tasks, sets of tasks and CallAction. Each goal has an object of its own.
     """
 
     @property

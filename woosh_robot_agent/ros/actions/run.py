@@ -93,7 +93,7 @@ class GoalRun:
 
     Args:
         client: gets the reports and the end.
-        kind: behaviour of this kind of goal.
+        kind: the part of this goal that depends on its kind.
         context: objects shared by the goals of one action.
     """
 

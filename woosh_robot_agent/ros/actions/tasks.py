@@ -106,7 +106,8 @@ class TaskSetGoal:
         """Number of polls since `_last` that found the robot executing nothing of the set."""
         last = last_known.value(TaskProc) or TaskProc()
         self._since = last.time
-        """Time of the last report before this goal, by the robot's clock."""
+        """Unix time of the last report before this goal, by the robot's clock, in seconds; 0 if
+        there is none."""
         predecessors = context.open_goals.possibly_running(self.name)
         # another program may have started the set that is running
         self.attribution = Attribution(max(predecessors, int(self._is_executing(last))))

@@ -230,7 +230,8 @@ class AssistedTeleop(Nav2Action):
         finally:
             self._goal = None
             self._driver.end()
-        await self.context.pose.wait_until_standing()  # not when the agent stops
+        # not reached when the agent stops, because it cancels this coroutine
+        await self.context.pose.wait_until_standing()
         if end is not None:
             raise end
 

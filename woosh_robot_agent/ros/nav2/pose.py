@@ -54,7 +54,7 @@ class RobotPose:
 
     @property
     def stamped(self) -> PoseStamped:
-        """The pose as a message; blank while the pose is not known."""
+        """The pose as a message with the current time; the origin while the pose is not known."""
         message = PoseStamped()
         message.header.stamp = self._context.now()
         message.header.frame_id = self._context.frame("map")

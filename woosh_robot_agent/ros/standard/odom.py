@@ -87,7 +87,7 @@ class Odom(Part):
 
     def _snapshot(self, info: RobotInfo) -> None:
         if info.HasField("pose_speed"):
-            # the robot may have moved while there was no link
+            # the robot may have moved while there was no link, but its pose in `odom` must not jump
             self._odometry.continue_from(self._prediction.last)
             self._pushed(info.pose_speed)
 

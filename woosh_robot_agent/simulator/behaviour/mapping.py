@@ -188,7 +188,10 @@ class MapBuilder:
         return duration
 
     def tick(self) -> None:
-        """Add the current scan to the map if the mapping is running and the scan is due."""
+        """Add the current scan to the map if it is due.
+
+        Do nothing unless the mapping is running and the robot knows its pose.
+        """
         grid, robot = self._grid, self._robot
         if grid is None or self._phase is not Phase.RUNNING or not robot.readiness.located:
             return

@@ -188,9 +188,9 @@ class Navigate(Job):
     """Drives to a goal.
 
     The base turns on the spot towards each corner of its path, and drives there. It stops at a
-    corner, unless the path bends only gently. At the goal it turns to the goal's heading. It stops
-    before an obstacle that is not on the map. The navigation mode decides whether it then goes
-    round the obstacle, waits or gives up.
+    corner, unless the path bends only gently. At the goal it turns to the goal's heading, unless
+    the arrival type is vague. It stops before an obstacle that is not on the map. The navigation
+    mode decides whether it then goes round the obstacle, waits or gives up.
 
     Args:
         goal: goal, in the map's frame.

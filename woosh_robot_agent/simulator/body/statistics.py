@@ -247,7 +247,7 @@ class Codes:
     def _publish_new(
         self, code: Code, kind: util_action_pb2.Type, detail: str
     ) -> count_pb2.StatusCode:
-        """Log a status code, send it to the clients and return it."""
+        """Log a status code, send it to the clients and return it; `detail` is as in `report`."""
         text = code.text(self._language)
         if detail and self._language == "en":
             text += f": {detail}"

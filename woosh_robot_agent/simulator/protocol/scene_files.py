@@ -71,7 +71,7 @@ def updated_scene(
         The scene, or None if no file describes it.
 
     Raises:
-        RefusedError: a file is invalid.
+        RefusedError: a file is invalid, or the scene has too many maps.
     """
     new = merge_files({}, upload)
     files = merge_files(files_of(old).all if old and not replace else {}, upload)

@@ -190,7 +190,10 @@ class Server:
             self._step_start = due
 
     def _step(self) -> None:
-        """Advance the simulated time by one step, and push what has changed."""
+        """Advance the simulated time by one step, and push what has changed.
+
+        While the robot is frozen, only call `on_step`.
+        """
         try:
             if not self._handler.frozen:
                 self.chassis.tick(TIME_STEP)

@@ -29,8 +29,8 @@ class Laser:
 
     Attributes:
         forward: distance in front of the centre of the base, in metres.
-        angle_min: angle of the first ray from straight ahead, in radians.
-        angle_max: angle of the last ray, in radians.
+        angle_min: angle of the first ray, counter-clockwise from straight ahead, in radians.
+        angle_max: angle of the last ray, likewise.
         increment: angle between two rays, in radians.
         range_min: minimum range, in metres. Nearer echoes also have this range.
         range_max: maximum range, in metres. A ray that hits nothing within it measures infinity.

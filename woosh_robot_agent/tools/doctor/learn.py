@@ -51,7 +51,8 @@ class Learned(NamedTuple):
 
     Attributes:
         value: the value, as in the file of a profile.
-        samples: number of samples from which the value was learned.
+        samples: number of samples from which the value was learned; 0 if it was not learned, but
+            taken from `tr200`.
     """
 
     value: Any

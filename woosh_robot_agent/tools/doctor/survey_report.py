@@ -72,7 +72,7 @@ def results(
             {"type": name, **_unknown("", each, redactor)}
             for name, each in sorted(seen.unknown_types.items())
         ],
-        "unreadable": _unreadable(seen.unreadable, redactor),
+        "unreadable": _unreadable(seen.unreadable, without_values=redactor is not None),
         "status_codes": list(_unknown_codes(seen, redactor)),
         "clock": _series(seen.offsets, digits=3),
         "profile": [
@@ -178,12 +178,13 @@ def _unknown(path: str, unknown: Unknown, redactor: Redactor | None) -> dict[str
     return {"count": unknown.count, "values": values}
 
 
-def _unreadable(reasons: Counter[str], redactor: Redactor | None) -> dict[str, int]:
-    """Return the reasons of unreadable frames; a `redactor` leaves out the values in them."""
+def _unreadable(reasons: Counter[str], *, without_values: bool) -> dict[str, int]:
+    """Return the reasons of unreadable frames, and how often each occurred."""
     found: Counter[str] = Counter()
     for reason, count in reasons.items():
-        text = ": ".join(reason.split(": ")[:2]).partition(", got ")[0] if redactor else reason
-        found[printable(text)] += count
+        if without_values:  # "type: field: value does not fit", or "type: expected ..., got value"
+            reason = ": ".join(reason.split(": ")[:2]).partition(", got ")[0]
+        found[printable(reason)] += count
     return dict(found)
 
 

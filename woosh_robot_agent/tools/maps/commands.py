@@ -275,7 +275,7 @@ async def _upload_marks(library: MapLibrary, scene: str, map_name: str, file: Pa
             "to no map of this scene"
         )
     new = read_marks(file, old)
-    if new is old:
+    if new is old:  # the file was not edited
         return
     if other_marks(new) != other_marks(old):
         raise MapsError(
