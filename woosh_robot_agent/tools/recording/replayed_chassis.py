@@ -34,7 +34,7 @@ from woosh_robot_agent.tools.recording.timeline import (
 def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | bytes:
     """Return a recorded frame in the encoding of a receiver, and with the receiver's serial number.
 
-    A push that cannot be read is returned as it is.
+    A frame that has to be encoded anew, but cannot be read, is returned as it is.
 
     Args:
         frame: the recorded frame of the chassis: a push, or an answer with a valid envelope.
