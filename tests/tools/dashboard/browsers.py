@@ -1,15 +1,18 @@
-"""Chromium from the distribution, headless, and a simulated robot with a page for it."""
+"""Browsers from the distribution, without a window, and a simulated robot with a page for them."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import os
 import shutil
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -27,6 +30,9 @@ HEADLESS_SHELL = shutil.which("chromium-headless-shell") or CHROMIUM
 """Chromium without tabs and windows, which needs a third of the processor time."""
 FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
 FIREFOX_DRIVER = shutil.which("geckodriver")
+WEBKIT = next(Path("/usr/lib").glob("*/webkit2gtk-4.*/MiniBrowser"), None)
+"""The browser of WebKitGTK, which has the engine of Safari on iPads."""
+WEBKIT_DRIVER, X_SERVER = shutil.which("WebKitWebDriver"), shutil.which("Xvfb")
 _OPTIONS = (
     "--headless=new",
     "--no-sandbox",
@@ -134,7 +140,7 @@ class Browser:
     def text(self, selector: str) -> str:
         """Return what can be read of the first element; empty if there is none."""
         found = f"document.querySelector({json.dumps(selector)})"
-        return str(self.script(f"{found}?.innerText ?? ''"))
+        return str(self.script(f"{found}?.innerText.trim() ?? ''"))
 
     def is_enabled(self, selector: str) -> bool:
         """Return True if there is a control that can be pressed."""
@@ -297,7 +303,38 @@ def firefox() -> Iterator[Browser]:
     options = webdriver.FirefoxOptions()
     options.binary_location = FIREFOX
     options.add_argument("-headless")
-    driver = webdriver.Firefox(options, webdriver.FirefoxService(FIREFOX_DRIVER))
+    with _window(webdriver.Firefox(options, webdriver.FirefoxService(FIREFOX_DRIVER))) as browser:
+        yield browser
+
+
+@contextmanager
+def webkit() -> Iterator[Browser]:
+    """Start WebKit on a display of its own, or skip the test if there is none."""
+    if not (WEBKIT and WEBKIT_DRIVER and X_SERVER):
+        pytest.skip("no WebKit: run scripts/setup --browser (Debian)")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="pip install selenium")
+    options = webdriver.WebKitGTKOptions()
+    options.binary_location = str(WEBKIT)
+    options.add_argument("--automation")
+    with subprocess.Popen(
+        [X_SERVER, "-displayfd", "1", "-screen", "0", "1400x1000x24"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as display:
+        try:
+            assert display.stdout is not None
+            environment = os.environ | {"DISPLAY": f":{display.stdout.readline().strip()}"}
+            environment["LANG"] = "en_US.UTF-8"  # uPlot fails with the language of the locale C
+            service = webdriver.WebKitGTKService(WEBKIT_DRIVER, env=environment)
+            with _window(webdriver.WebKitGTK(options, service=service)) as browser:
+                yield browser
+        finally:
+            display.terminate()
+
+
+@contextmanager
+def _window(driver: Any) -> Iterator[Browser]:
     try:
         driver.set_window_size(1280, 900)
         yield Browser(driver)

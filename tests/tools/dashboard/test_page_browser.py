@@ -6,13 +6,14 @@ import functools
 import math
 import re
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.quick_chassis import set_speed
-from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually, firefox
+from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually, firefox, webkit
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import TOO_SLOW, is_driving, is_stopped_by_zero, last
 from woosh_robot_agent.link.protos import full_name
@@ -68,7 +69,7 @@ _COLLECT_ERRORS = """(window.errors = [],
   console.error = (...parts) => window.errors.push(parts.join(" ")),
   addEventListener("error", ({message}) => window.errors.push(message)),
   addEventListener("unhandledrejection", ({reason}) => window.errors.push(String(reason))))"""
-"""Notes the errors from now on; the driver of Firefox has no log of the console."""
+"""Notes the errors from now on; the drivers of Firefox and WebKit have no log of the console."""
 _IS_ROBOT_BLUE = """(({x, y}) => {
   const at = mapCanvas.view.toScreen(x, y);
   const copy = new OffscreenCanvas(2000, 2000).getContext("2d", {willReadFrequently: true});
@@ -868,8 +869,11 @@ def test_the_language_changes_everywhere(browser: Browser) -> None:
     eventually(lambda: browser.text("#tab-go") == "Go", "English")
 
 
-def test_the_page_works_in_firefox(robot: SimulatedPage) -> None:
-    with firefox() as browser:
+@pytest.mark.parametrize("start", [firefox, webkit])
+def test_the_page_works_in_other_browsers(
+    robot: SimulatedPage, start: Callable[[], AbstractContextManager[Browser]]
+) -> None:
+    with start() as browser:
         from selenium.webdriver.common.keys import Keys
 
         browser.open(robot.url)
