@@ -174,6 +174,12 @@ def test_start_inside_a_wall_is_refused(tmp_path: Path) -> None:
         Chassis(quick_config(scenes=(scene,)))
 
 
+def test_two_scenes_of_the_same_name_are_refused(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path, SCENE)
+    with pytest.raises(DataFileError, match="another scene is called lab, too; rename one"):
+        Chassis(quick_config(scenes=(scene, scene)))
+
+
 def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ports = ["--port", "0", "--tcp-port", "0"]
     assert main([*ports, "--scene", str(tmp_path / "none")]) == 1

@@ -118,10 +118,17 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
             of the same name. The robot starts in the first of these scenes, if there are any.
 
     Raises:
-        DataFileError: a file cannot be used.
+        DataFileError: a file cannot be used, or two of the given scenes have the same name.
     """
-    shipped, own = [_load(path) for path in _SHIPPED], [_load(path) for path in given]
-    return {scene.name: scene for scene in shipped + own}, (own or shipped)[0]
+    shipped = [_load(path) for path in _SHIPPED]
+    own: dict[str, Scene] = {}
+    for path in given:
+        scene = _load(path)
+        if scene.name in own:
+            raise DataFileError(f"{path}: another scene is called {scene.name}, too; rename one")
+        own[scene.name] = scene
+    first = next(iter(own.values()), shipped[0])
+    return {scene.name: scene for scene in shipped} | own, first
 
 
 def start_place(scene: Scene) -> tuple[Map, Pose]:
