@@ -278,14 +278,17 @@ class Heap:
         blocks in use."""
 
     def trim(self) -> None:
-        """Return unused memory to the system if it has grown. Call this often; it checks rarely."""
+        """Return unused memory to the system if enough has gathered.
+
+        Call this often: it checks only every `_TRIM_PERIOD`.
+        """
         now = time.monotonic()
         if now < self._due or self._libc is None:
             return
         self._due = now + _TRIM_PERIOD
         unused = self._unused()
         if unused < self._untrimmable + _TRIM_GROWTH:
-            self._untrimmable = min(self._untrimmable, unused)  # gaps may have been used since
+            self._untrimmable = min(self._untrimmable, unused)  # blocks may have filled gaps
             return
         self._libc.malloc_trim(0)
         self._untrimmable = self._unused()

@@ -138,7 +138,11 @@ _PIP_NAMES = {
 
 
 def import_problem(error: ImportError) -> str:
-    """Return the message for a missing library, with the remedy; empty for any other cause."""
+    """Return the message for an import that failed, with the remedy; empty if that is a defect.
+
+    Missing libraries, an environment without ROS and protobuf modules that are not compiled have a
+    remedy.
+    """
     reason = str(error).partition("\n")[0]
     module, _, part = (error.name or "").partition(".")
     if re.fullmatch(_ROS, module):

@@ -121,7 +121,7 @@ def _set_proto(
 
 
 def _check_text(text: str, path: str) -> None:
-    """Refuse text with half a surrogate pair, which no valid UTF-8 has."""
+    """Raise BadFieldError for a text with a lone surrogate, which UTF-8 cannot encode."""
     if text.isascii():
         return
     try:

@@ -130,7 +130,10 @@ class LinkStatus:
             call_logged(callback, state)
 
     def note_lost(self, cause: BaseException | None) -> None:
-        """Enter WAITING if the link is ready, with `cause` as the last error."""
+        """Enter WAITING if the link is ready.
+
+        The last error becomes `cause`, or None if that is not a LinkError.
+        """
         if self.state is LinkState.READY:
             self.last_error = cause if isinstance(cause, LinkError) else None
             self.enter(LinkState.WAITING)
@@ -404,10 +407,10 @@ class ReconnectLoop:
                 if await self._serve(connection) >= config.stable_after:
                     backoff.reset()
             except LinkError as error:
-                self._log_failure(error, f"cannot connect to {config.address}: {error}")
+                self._note_failure(error, f"cannot connect to {config.address}: {error}")
             except Exception as error:  # the loop must survive whatever a library raises
                 _LOG.debug("the link to %s failed", config.address, exc_info=True)
-                self._log_failure(HandshakeError(repr(error)), f"internal error: {error!r}")
+                self._note_failure(HandshakeError(repr(error)), f"internal error: {error!r}")
             if self._status.state is not LinkState.WAITING:
                 self._status.enter(LinkState.WAITING)
             await asyncio.sleep(backoff.next())
@@ -452,13 +455,14 @@ class ReconnectLoop:
             self._status.enter(LinkState.READY)
             cause = await asyncio.shield(connection.ended)
             lasted = loop.time() - ready_at
-            self._log_failure(cause, f"lost the link to {self.config.address}: {cause}")
+            self._note_failure(cause, f"lost the link to {self.config.address}: {cause}")
         finally:
             self.connection = None
             self._status.note_lost(cause)  # first, because the close may take long
             await connection.close(cause)
         return lasted
 
-    def _log_failure(self, error: LinkError, text: str) -> None:
+    def _note_failure(self, error: LinkError, text: str) -> None:
+        """Set the last error, and log `text`; as a warning only if the error is a new one."""
         self._status.last_error = error
         self._log.warn(f"connect: {type(error).__name__}: {error}", text)

@@ -494,6 +494,6 @@ class MotionGate:
         if state in (LinkState.CONNECTING, LinkState.READY):
             self._stalls.start()
         else:
-            self._stalls.stop()
+            self._stalls.stop()  # nothing can be sent, so no heartbeat is needed
         if state is LinkState.STOPPED:
             self._drops.finish()

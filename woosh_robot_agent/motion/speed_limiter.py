@@ -44,7 +44,7 @@ class SpeedLimiter:
     Args:
         chassis: the link.
         gate: sends the limits.
-        start: starts a coroutine that sends a limit.
+        start: starts a coroutine that sends a limit, or asks for the state of the actions.
         on_refused: called with the reason if the robot does not take a limit.
         on_change: called when `is_limited` changes, before the robot gets the limit.
 
@@ -77,7 +77,7 @@ class SpeedLimiter:
         self._task_navigates = False
         self._action_navigates = False
         self._is_action_unknown = False
-        """True if the action navigated when the link was lost."""
+        """True if the action navigated when the link was lost, and its state is not known since."""
         chassis.subscribe(TaskProc, self._task_reported)
         chassis.subscribe(Feedbacks, self._actions_reported)
         chassis.on_snapshot(self._connected)
@@ -132,7 +132,7 @@ class SpeedLimiter:
             _LOG.debug("cannot ask for the state of the actions: %s", error)
             if self._chassis.state is LinkState.READY:
                 self._assume_action()
-            else:
+            else:  # ask again after the reconnect
                 self._is_action_unknown = True
 
     def _take_actions(self, answer: Answer) -> None:

@@ -146,7 +146,10 @@ def keepout_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
 
 
 def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
-    """Return the YAML file and the PNG of an image that belongs to a map."""
+    """Return the YAML file and the PNG of an image that belongs to a map, by name.
+
+    `stem` is the name of the files without suffix. The errors are those of `map_files`.
+    """
     import numpy
     import yaml
 

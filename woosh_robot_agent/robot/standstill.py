@@ -205,6 +205,7 @@ class Standstill:
     # Commands
 
     def _answered(self, command: AnsweredCommand) -> None:
+        """Expect movement after an accepted command; none after a zero, a pause or a cancel."""
         message = command.message
         if not command.answer.ok or not commands_motion(message):
             return

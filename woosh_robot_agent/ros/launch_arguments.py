@@ -97,7 +97,7 @@ def agent_node(arguments: Mapping[str, str], **parameters: object) -> Node:
     """Return the node of the agent.
 
     Args:
-        arguments: values of launch arguments; they override the parameter file.
+        arguments: values of launch arguments; they override the parameter file unless empty.
         parameters: further parameters, which override both.
 
     Raises:

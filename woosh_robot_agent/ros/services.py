@@ -100,7 +100,14 @@ class _QueryHandler:
         await _send(reply, response, is_large=value.is_large)
 
     async def _request_value(self, request: Any) -> _Value:
-        """Request the value from the chassis; raise an error without a usable answer."""
+        """Request the value from the chassis.
+
+        Raises:
+            BadFieldError: the request cannot be converted.
+            LinkError: as in `ChassisClient.request`.
+            _RefusedError: the chassis refused the request.
+            _UnusableAnswerError: the answer holds no value that can be read.
+        """
         answer = await self._robot.chassis.request(self._chassis_request(request))
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.reason}")

@@ -89,7 +89,10 @@ MAX_BACKOFF = 3.0
 
 
 def subscribe_all(chassis: ChassisClient, callback: Callable[[Message], None]) -> None:
-    """Call `callback` with each RobotInfo and each push, except laser scans and growing maps."""
+    """Call `callback` with each push, and with the first RobotInfo of each link.
+
+    Laser scans and growing maps are left out, because they are large.
+    """
     chassis.on_snapshot(callback)
     for topic in TOPICS:
         if not topic.on_demand:

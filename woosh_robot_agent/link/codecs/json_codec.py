@@ -332,7 +332,10 @@ def to_json(message: Message, *, defaults: bool) -> dict[str, Any]:
 
 @cache
 def _encoder(cls: MessageClass, defaults: bool) -> Callable[[Message], dict[str, Any]]:
-    """Return the function that converts a message of a class to a JSON object."""
+    """Return the function that converts a message of a class to a JSON object.
+
+    With `defaults`, the object also has the fields that have their default value.
+    """
     fields = {
         field.number: (field.json_name, _value_encoder(field, defaults))
         for field in cls.DESCRIPTOR.fields

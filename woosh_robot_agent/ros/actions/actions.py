@@ -254,7 +254,10 @@ class Actions:
         self._start(make_client(goal), action, goal.request.arg)
 
     def _start(self, client: GoalClient, action: _Action, command: Any) -> GoalRun:
-        """Start a goal, whose command is a ROS message, or a protobuf if the agent starts it."""
+        """Start a goal, or abort it if the agent is stopping.
+
+        `command` is a ROS message; a protobuf message if the agent itself starts the goal.
+        """
         kind = action.make_kind(command, context=action.context)
         run = GoalRun(client, kind, action.context)
         client.on_cancel(partial(run.post, CancelRequested()))

@@ -47,7 +47,7 @@ class Phase(Enum):
 
     @property
     def answered(self) -> bool:
-        """True if the start request was answered, or if the answer is known to be lost."""
+        """True while the goal may run, after its start was answered or the answer was lost."""
         return self in (Phase.UNCONFIRMED, Phase.RUNNING)
 
 
@@ -277,7 +277,10 @@ class Report:
 
 @dataclass(frozen=True)
 class PollResult:
-    """The chassis's answer when it was asked for the state of a goal."""
+    """The chassis's answer when it was asked for the state of a goal.
+
+    If neither attribute is set, the answer tells nothing about the goal.
+    """
 
     reports: Sequence[Report] = ()
     """Reports with the name of the goal."""

@@ -348,6 +348,15 @@ class GoalRun:
             self._cancellation.send_soon()  # retry a cancel that was not answered
 
     def _start_answered(self, answer: Answer | Exception) -> End | None:
+        """Handle the answer to the start, or the error in its place.
+
+        Return the end of the goal if nothing was sent; None if the goal goes on, also without an
+        answer.
+
+        Raises:
+            _RefusedError: the chassis refused the start.
+            Exception: `answer` itself, if it is an unexpected error.
+        """
         match answer:
             case Answer(ok=True):
                 self._advance(Step.ACCEPTED)

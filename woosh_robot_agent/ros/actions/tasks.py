@@ -146,7 +146,10 @@ class TaskSetGoal:
         return not is_unfinished(current) and state is not None and state.state in _WITH_TASK
 
     def _read_current(self, current: TaskProc) -> PollResult:
-        """Return the report on the current task, or the last report between two tasks."""
+        """Return the report on the current task of the set.
+
+        Between two tasks, return the last report again; before the first one, no report.
+        """
         if self._is_executing(current):
             return PollResult(tuple(self.read(current)))
         return PollResult([Report(self._last, None)] if self.attribution.has_report else ())
@@ -232,8 +235,8 @@ class TaskGoal:
         self._previous = last_reports.get(self._id)
         """The last report on a task of this id before this goal; None without one."""
         self._since = 0
-        """Time of the last TaskProc before this goal, by the robot's clock; 0 without one, or if it
-        was on a task of this id."""
+        """Unix time of the last TaskProc before this goal, by the robot's clock, in seconds; 0 if
+        there is none, or if it was on a task of this id."""
         last = last_known.value(TaskProc) or TaskProc()
         is_current = last.robot_task_id == self._id
         if is_current:
@@ -279,7 +282,7 @@ class TaskGoal:
         return PollResult([_report(current)])
 
     def _read_history(self, ended: Iterable[TaskProc], current: TaskProc) -> PollResult:
-        """Return the end of this task in the history of the chassis."""
+        """Return the end of this task in the history, or that the chassis does not know it."""
         ends = [old for old in ended if self._may_be_end(old)]
         if ends:
             return PollResult([_report(max(ends, key=lambda old: old.time))])
@@ -299,14 +302,13 @@ class TaskGoal:
 
     def _may_be_end(self, old: TaskProc) -> bool:
         """Return True if a history entry can be the end of this task, not of an earlier task."""
-        return (
-            old.robot_task_id == self._id
-            and old.state in OUTCOMES
-            and old != self._previous
-            and old.time >= (self._previous.time if self._previous is not None else 0)
-            # without a report on this goal, only the time tells; 0 means that it is not known
-            and (self.attribution.has_report or not self._since or old.time > self._since)
-        )
+        if old.robot_task_id != self._id or old.state not in OUTCOMES:
+            return False
+        previous_time = 0 if self._previous is None else self._previous.time
+        if old == self._previous or old.time < previous_time:
+            return False
+        # without a report on this goal, only the time tells; 0 means that it is not known
+        return self.attribution.has_report or not self._since or old.time > self._since
 
 
 def _report(message: TaskProc) -> Report:

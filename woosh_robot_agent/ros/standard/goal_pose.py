@@ -141,6 +141,10 @@ class GoalPose(Part):
             result.add_done_callback(lambda future: self._ended(number, handle, future))
 
     def _ended(self, number: int, handle: Any, future: Any) -> None:
+        """Log that a goal was reached, or that the newest one was aborted.
+
+        An older goal is aborted because a newer one replaces it.
+        """
         log_as(self._context.robot.node.get_logger())
         self._handles.remove(handle)
         response = future.result()
@@ -159,6 +163,7 @@ class GoalPose(Part):
         if not self._handles:
             reply.send(Trigger.Response(success=False, message="no goal_pose is active"))
             return
+        # all are cancelled, and the reply tells whether the newest one is
         *_, newest = [handle.cancel_goal_async() for handle in self._handles]
         newest.add_done_callback(lambda future: self._cancelled(reply, future))
 

@@ -389,7 +389,7 @@ class Odometry:
         return possible
 
     def _speed_left(self, mean: float) -> float:
-        """Return the speed to the left at a report.
+        """Return the speed to the left at a report, in m/s.
 
         Args:
             mean: mean speed to the left since the previous report, in m/s. `_sideways` is still the

@@ -57,7 +57,7 @@ def require_name(field: str, name: str) -> None:
 
 
 class Phase(Enum):
-    """Phase of the mapping. The value says it in a refusal."""
+    """Phase of the mapping. The value is the part of a refusal's text that names the phase."""
 
     NONE = "is not running"
     STARTING = "is being started"
@@ -336,7 +336,7 @@ class PointKind(Enum):
 
 
 class CollectedPoint(NamedTuple):
-    """A collected point.
+    """A point, e.g. a mark or a code, that a client has collected.
 
     Attributes:
         kind: kind of the point.

@@ -56,7 +56,7 @@ def task_jobs(
     """Return the jobs of a task.
 
     If the profile says so, a robot that stands at a charger leaves it first. Without a target mark
-    there is no dock: a task with a dock then leaves out to enter it, to leave it, and all steps.
+    there is no dock. A task with a dock then neither enters nor leaves it, and makes no steps.
 
     Args:
         robot: the robot, at the place where the task starts.
@@ -88,7 +88,7 @@ def task_jobs(
         elif kind == util_action_pb2.kCharge:
             jobs.append(Charge())
         elif has_dock and isinstance(target, Navigate):
-            continue  # docking, and the steps inside the dock
+            continue  # no dock to enter, to leave or to make steps in
         elif kind == util_action_pb2.kSecondposEnter:
             jobs.append(dock_job(robot, distance, util_action_pb2.kSecondposEnter))
         elif kind == util_action_pb2.kSecondposQuit:

@@ -33,6 +33,7 @@ Record = TypeVar("Record", count_pb2.Task, count_pb2.Status)
 class Statistics:
     """Records of what the robot does. A record is pushed when it is opened, changed and closed.
 
+    Only the record of the first day is not pushed when it is opened.
     There is a record for each day on which the robot is switched on, for each task, and for each
     problem that a status code has reported. Durations do not depend on the robot's clock, which may
     jump.

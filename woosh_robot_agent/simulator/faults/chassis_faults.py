@@ -234,9 +234,9 @@ def _current(chassis: Chassis, type_name: str) -> Message:
 
 
 async def _wait_for_clients(server: Server) -> None:
-    """Wait until clients have read half of the frames that may wait, or until a timeout."""
+    """Wait while more than half of `max_outbox` frames wait for a client, until a timeout."""
     loop = asyncio.get_running_loop()
     deadline = loop.time() + _BACKLOG_TIMEOUT
-    await asyncio.sleep(0)
+    await asyncio.sleep(0)  # let the connections send even if few frames wait
     while server.backlog > server.config.max_outbox // 2 and loop.time() < deadline:
         await asyncio.sleep(_POLL_PERIOD)

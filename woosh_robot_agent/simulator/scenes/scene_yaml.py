@@ -167,7 +167,7 @@ class TaskSetEntry:
         id: id of the task set.
         name: name of the task set.
         steps: tasks of the set.
-        times: for predefined sets: number of repetitions.
+        times: for predefined sets: number of times that the set is run.
         button: for sets of call buttons: button that starts the set.
         source: file and place of the entry, for errors; not a key of the file.
     """
@@ -188,8 +188,8 @@ class TasksEntry:
     """The task sets of the scene.
 
     Attributes:
-        predefined: task sets for ExecPreTask.
-        calls: task sets for call buttons, with the same keys.
+        predefined: task sets that ExecPreTask starts.
+        calls: task sets that call buttons start; their keys are those of `predefined`.
     """
 
     predefined: _TaskSets = ()

@@ -216,7 +216,7 @@ class Request:
         codec: codec of the frame and of its answer.
         type: type of the body in the frame's envelope; `SUBSCRIPTION_TYPE` for a subscription.
         sn: serial number; 0 if there is none, as in subscriptions and over HTTP.
-        message: body, None if it could not be decoded.
+        message: body; None if it could not be decoded, or its type is unknown.
         refusal_reason: reason to refuse the request without executing it; empty if there is none.
     """
 
@@ -391,7 +391,8 @@ class MessageHandler:
     def _after_delay(self, request: Request, send: Callable[[], None]) -> None:
         """Call `send`, which answers a request, after the delay that the chassis has chosen.
 
-        Changed states are reported afterwards, for a delayed call by `chassis.on_change`.
+        A client that has left meanwhile gets no answer. Changed states are reported afterwards; for
+        a delayed call, `chassis.on_change` does that.
         """
         delay = self._chassis.answer_delay
         if delay <= 0.0:

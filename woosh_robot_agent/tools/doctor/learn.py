@@ -236,7 +236,10 @@ def _rates(seen: Observations) -> _Found:
 
 
 def _scan_rates(seen: Observations) -> _Found:
-    """Yield the time between two pushed scans, and the time between two scans."""
+    """Yield the time between two pushes of a scan, and between two scans that the laser makes.
+
+    The laser may make more scans than are pushed: requests for scans show that.
+    """
     pushed = _gaps(
         [each.t for each in of_busiest_connection([each for each in seen.scans if each.pushed])]
     )
@@ -246,7 +249,7 @@ def _scan_rates(seen: Observations) -> _Found:
         yield ("rates", "scan_push"), push
         if scan:
             is_each_pushed = scan.value > _MIN_PERIOD_RATIO * push.value
-        else:  # nothing was measured: as in the reference, unless scans are pushed more often
+        else:  # not measured: the reference stays, unless scans are pushed more often than that
             is_each_pushed = reference()["rates"]["scan"] > push.value
         if is_each_pushed:
             scan = push
@@ -406,15 +409,21 @@ def reference() -> dict[str, dict[str, Any]]:
 _TIMES = {"answers", "mapping", "rates", "tasks"}
 """Sections with times, which depend on this computer and the network, too."""
 _TIME_TOLERANCE, _TOLERANCE = (0.1, 0.02), (0.01, 0.0)
-"""Relative and absolute tolerance of times, in seconds, and of other numbers; one is enough."""
+"""Relative and absolute tolerance, of times (in seconds) and of other numbers.
+
+Numbers differ if they differ by more than both.
+"""
 
 
 def known_value(path: KeyPath) -> Any:
-    """Return the value of `tr200` for the same keys as a learned value; None if it has none."""
+    """Return the value of `tr200` for the same keys as a learned value; None if it has none.
+
+    Requests without answer times of their own have the default ones.
+    """
     known: Any = reference()
     for key in path:
         known = known.get(key) if isinstance(known, dict) else None
-    if known is None and path[:2] == ("answers", "requests"):  # a request without its own times
+    if known is None and path[:2] == ("answers", "requests"):
         return reference()["answers"]["default"]
     return known
 

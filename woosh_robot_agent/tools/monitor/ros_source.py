@@ -296,7 +296,7 @@ class RosSource:
         self._first_answer_at = self._first_answer_at or self._last_answer_at
 
     def _set_address(self, values: Sequence[Any]) -> None:
-        """Set address and command from the values of `_PARAMETERS`."""
+        """Set the address, and the command of the doctor, from the values of `_PARAMETERS`."""
         transport, ip, port, encoding, robot_id = values
         self._address = url_host(ip.string_value)
         if port.integer_value:

@@ -86,7 +86,7 @@ class RecordingWriter:
         self._shown_at: dict[type[Message], int] = dict.fromkeys(_THINNED, 0)
         """Time of the last view of each type in `_THINNED`, in ns; 0 before the first."""
         self._waiting: dict[type[Message], Message] = {}
-        """The newest message of each of these types whose newest message has no view yet."""
+        """The newest message of each type in `_THINNED`, as long as its view is delayed."""
         self._preparing: deque[Future[PreparedMap | None]] = deque()
         """Maps that are prepared in the thread `_worker`; the result of an unusable one is None."""
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
@@ -171,7 +171,15 @@ class RecordingWriter:
     def add_event(
         self, connection: int, kind: EventKind, by: Side, text: str = "", at: int | None = None
     ) -> None:
-        """Write an event; `at` is its time, by `now`, or None if it has just happened."""
+        """Write an event.
+
+        Args:
+            connection: number of the connection.
+            kind: kind of the event.
+            by: side that caused the event.
+            text: details, e.g. why the chassis could not be reached; may be empty.
+            at: time of the event, by `now`; None if it has just happened.
+        """
         self.connections += kind == "open"
         if kind == "refused":
             self.refusal = text
@@ -199,9 +207,9 @@ class RecordingWriter:
             path.unlink()
 
     def _guard(self, what: str, work: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the result of `work`; log an error in it, and return None.
+        """Return the result of `work`; if it raises an error, log that and return None.
 
-        A bug must not cut the connection. `what` is a verb: what `work` does with a frame.
+        A bug must not cut the connection. `what` is the verb for the log: "cannot `what` a frame".
         """
         try:
             return work(*arguments)
