@@ -38,7 +38,6 @@ _LOG = logging.getLogger(__name__)
 _ASK_EVERY = 1.0
 """Pause between two queries about an action, in seconds."""
 _FAILED = Sentence("vda.failed", "the robot failed")()
-_ANOTHER = Sentence("vda.another", "the robot executes another {name} already")
 _NOT_SENT = Sentence("vda.notSent", "{name} was not sent: {reason}")
 _UNKNOWN = Sentence("vda.unknownEnd", "the robot does not tell how it ended")
 _FAILURES = {
@@ -76,7 +75,6 @@ class _Call:
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
         outcome_unknown: True if the robot does not tell how the action ended.
-        is_cancelled: True once the action is being cancelled.
         is_leftover: True if the action was started before a restart of the program.
         result: text of the last report.
         controller: pauses, resumes and cancels the action.
@@ -92,7 +90,6 @@ class _Call:
         self.reported = False
         self.cannot_pause = False
         self.outcome_unknown = False
-        self.is_cancelled = False
         self.is_leftover = False
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.result = ""
@@ -186,10 +183,9 @@ class RobotCalls:
             if call.is_leftover:
                 call.controller.want(Control.CANCEL)
 
-    def is_cancelling(self, command: Message) -> bool:
-        """Return True while an action of the same kind is being cancelled."""
-        call = self._calls.get(full_name(command))
-        return call is not None and call.is_cancelled
+    def executes(self, command: Message) -> bool:
+        """Return True while an action of the same kind has not ended."""
+        return full_name(command) in self._calls
 
     async def perform(self, command: Message, report: Callable[[ActionStatus], None]) -> str:
         """Execute an action, and return the text of its last report.
@@ -197,15 +193,13 @@ class RobotCalls:
         When cancelled, cancel the action at the robot, and wait for its end.
 
         Args:
-            command: the command, a member of CallAction.
+            command: the command, a member of CallAction; none of its kind may be executed now.
             report: called when the robot accepts, pauses or resumes the action.
 
         Raises:
             ActionFailedError: the action failed; of kind INTERRUPTED if its outcome is unknown.
         """
         name = full_name(command)
-        if name in self._calls:
-            raise ActionFailedError(_ANOTHER(name=command.DESCRIPTOR.name))
         call = self._calls[name] = self._new_call(command, report)
         self._link.changed()  # so that `commands` is saved
         try:
@@ -213,7 +207,6 @@ class RobotCalls:
             reason = await asyncio.shield(call.ended)
         except asyncio.CancelledError:
             if not self._link.is_closing:  # when the connector ends, the robot goes on
-                call.is_cancelled = True
                 call.controller.want(Control.CANCEL)
                 await asyncio.wait({call.ended})
             raise
