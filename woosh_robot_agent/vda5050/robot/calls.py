@@ -201,7 +201,7 @@ class RobotCalls:
         """
         name = full_name(command)
         call = self._calls[name] = self._new_call(command, report)
-        self._link.changed()  # so that `commands` is saved
+        self._link.save()  # so that a kill from now on does not hide what the robot does
         try:
             await self._start(call)
             reason = await asyncio.shield(call.ended)
