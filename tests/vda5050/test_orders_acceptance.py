@@ -180,8 +180,11 @@ def test_an_update_can_delete_the_horizon() -> None:
 
 def test_the_content_of_the_stitching_node_is_that_of_the_first_order() -> None:
     robot = given(path("ab", "c", actions={"b": [action("first")]}))
-    changed = path("bc", first=2, update=1, b=place(9.0), actions={"b": [action("second")]})
-    robot.give(changed)
+    added = path("bc", first=2, update=1, actions={"b": [action("first"), action("second")]})
+    error = robot.refuses(added)
+    assert error.type == ErrorType.ORDER_UPDATE
+    assert references(error)["actionId"] == "second"
+    robot.give(path("bc", first=2, update=1, b=place(9.0)))
     assert robot.actions == {"first": "WAITING"}
     position = robot.machine.status.nodes[0].position
     assert position is not None
