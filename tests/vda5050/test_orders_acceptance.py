@@ -27,6 +27,7 @@ def test_an_order_of_one_node_ends_at_once() -> None:
 
 ORDER = path("abc", "d")
 MALFORMED = {
+    "no id": replace(ORDER, id=""),
     "no node": replace(ORDER, nodes=()),
     "an edge too few": replace(ORDER, edges=ORDER.edges[:-1]),
     "an edge too many": replace(ORDER, edges=(*ORDER.edges, Edge("x", 7, "d", "e"))),
@@ -56,7 +57,7 @@ MALFORMED = {
 def test_a_malformed_order_is_rejected(order: Order) -> None:
     error = Robot().refuses(order)
     assert (error.type, error.level) == (ErrorType.VALIDATION, ErrorLevel.WARNING)
-    assert references(error)["orderId"] == "order"
+    assert references(error)["orderId"] == order.id
     assert references(error)["orderUpdateId"] == "0"
 
 

@@ -18,6 +18,7 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.orders.legs import need_standstill
 from woosh_robot_agent.vda5050.orders.reach import is_reached
 
+_NO_ID = Sentence("vda.noId", "orderId is empty")
 _NO_NODE = Sentence("vda.noNode", "the order has no node")
 _EDGES = Sentence(
     "vda.edges", "the order has {nodes} nodes and {edges} edges; it needs one edge less than nodes"
@@ -48,6 +49,8 @@ def check_structure(order: Order) -> None:
     Raises:
         RejectedError: the nodes and edges do not form one path.
     """
+    if not order.id:  # it would stand for no order
+        raise _malformed(order, _NO_ID())
     if not order.nodes:
         raise _malformed(order, _NO_NODE())
     if len(order.edges) != len(order.nodes) - 1:
