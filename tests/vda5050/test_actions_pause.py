@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -346,6 +347,26 @@ async def test_an_action_that_the_robot_does_not_resume_stays_paused_until_it_do
         master.instant(action("stopPause", "s2"))
         await master.status("s2", "FINISHED")
         await master.status("step", "FINISHED")
+
+
+@aio
+async def test_a_stop_pause_without_a_link_does_not_fail_before_it_is_carried_out(
+    site: Site,
+) -> None:
+    async with site.online(timing=Timing(pause_within=0.2)) as master:
+        await site.drive(master, then=1.0)
+        master.instant(action("startPause", "p"))
+        await eventually(lambda: status_of(master.state, "p"))
+        await master.wait_state(lambda state: state["paused"] and not state["driving"])
+        async with site.without_link(master):
+            master.instant(action("stopPause", "s"))
+            await master.status("s", "RUNNING")
+            await asyncio.sleep(0.5)
+            assert status_of(master.state, "s") == "RUNNING"
+        await eventually(lambda: commands(site.chassis) == ["drive", "pause", "continue"])
+        set_speed(site.chassis, 20.0)
+        await master.reached("b")
+    assert statuses(site.recorder, "s")[-1] == "FINISHED"
 
 
 @aio

@@ -66,11 +66,16 @@ async def stop_pause(run: Run) -> None:
             execution.drive.want(Control.RESUME)
         execution.calls.want(Control.RESUME)
         execution.tasks.want(Control.RESUME)
-    await run.wait(
-        lambda: not execution.paused or execution.pause_wanted,
-        limit,
-        _NOT_RESUMED(seconds=f"{limit:g}"),
-    )
+
+    def is_done() -> bool:
+        return not execution.paused or execution.pause_wanted
+
+    while not is_done():
+        # without a link it goes on, because the robot will resume when the link is back
+        await run.link.conditions.wait(lambda: run.link.ready or is_done())
+        await run.wait(
+            lambda: not run.link.ready or is_done(), limit, _NOT_RESUMED(seconds=f"{limit:g}")
+        )
     if execution.pause_wanted:
         raise ActionFailedError(_MEANWHILE(action=START_PAUSE))
 
