@@ -210,6 +210,26 @@ async def test_a_task_that_the_robot_drops_without_a_report_is_an_error(
     assert site.chassis.counts[EXEC] == 1
 
 
+@aio
+async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tasks, "_CHECK_EVERY", 0.5)
+    async with site.online() as master:
+        show = hide_tasks(site.chassis)
+        await site.drive(master, then=0.02)
+        await master.error("drivingError")
+        show()
+        site.chassis.call(lambda each: each.chassis.emit(each.chassis.tasks.reported))
+        await eventually(lambda: site.chassis.counts[ORDER])
+        set_speed(site.chassis, 20.0)
+        await site.idle()
+        state = await master.wait_state(lambda state: not state["driving"])
+        assert nodes_left(state) == "b"
+    assert site.chassis.state.pose.x < 7.9
+    assert site.chassis.counts[EXEC] == 1
+
+
 def hide_actions(chassis: SimulatorThread, answer: Feedbacks) -> None:
     """Let a chassis push nothing of its actions, and answer all queries about them alike."""
 

@@ -181,7 +181,7 @@ class Execution:
     @property
     def _is_driven_otherwise(self) -> bool:
         """True if something other than the order and the vehicle's actions drives the robot."""
-        if self.order.driving:
+        if self.order.driving or self.drive.id:  # it may have a task that began too late
             return False
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
@@ -390,7 +390,7 @@ class Execution:
             self.may_act
             and self.robot.is_automatic
             and self.robot.position is not None
-            and not self.tasks.id
+            and not (self.tasks.id or self.drive.id)
         )
         return self.order.poll(
             may_drive=may_drive and not self._must_wait,

@@ -155,6 +155,8 @@ class TaskRunner:
         self.id = 0
         self._last_id = 0
         """Highest id so far, so that no id is used twice."""
+        self._given_up = 0
+        """Id of the last task that the robot did not know any more; 0 without one."""
         self.foreign_id = 0
         self.confirmed = False
         self._controller = self._new_controller()
@@ -251,6 +253,11 @@ class TaskRunner:
     def _update_foreign_id(self, report: TaskProc) -> None:
         """Update `foreign_id` from a report on the task that the robot executes."""
         is_foreign = report.state not in _END_REASONS and report.robot_task_id != self.id
+        if is_foreign and not self.id and report.robot_task_id == self._given_up != 0:
+            _LOG.warning("the robot begins task %d too late; it is cancelled", self._given_up)
+            self._set_current(self._given_up)
+            self.want(Control.CANCEL)
+            is_foreign = False
         foreign_id = report.robot_task_id if is_foreign else 0
         if foreign_id != self.foreign_id:
             self.foreign_id = foreign_id
@@ -361,6 +368,8 @@ class TaskRunner:
     def _end(self, task_id: int, reason: str) -> None:
         """End a task, unless it is not the current one any more."""
         if task_id and task_id == self.id:
+            if reason == _UNKNOWN_TASK:
+                self._given_up = task_id
             self._set_current(0)
             self._on_end(reason)
 
