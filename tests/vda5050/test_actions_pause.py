@@ -350,6 +350,23 @@ async def test_an_action_that_the_robot_does_not_resume_stays_paused_until_it_do
 
 
 @aio
+async def test_a_pause_is_not_finished_by_what_was_reported_before_the_link_was_lost(
+    site: Site,
+) -> None:
+    async with site.online() as master:
+        await site.drive(master)
+        master.instant(action("startPause", "before"))
+        await master.status("before", "FINISHED")
+        async with site.without_link(master):  # people may let the robot go on now
+            master.instant(action("startPause", "without"))
+            await master.status("without", "RUNNING")
+            await asyncio.sleep(0.3)
+            assert status_of(master.state, "without") == "RUNNING"
+        await master.status("without", "FINISHED")
+    assert commands(site.chassis) == ["drive", "pause"]
+
+
+@aio
 async def test_a_stop_pause_without_a_link_does_not_fail_before_it_is_carried_out(
     site: Site,
 ) -> None:

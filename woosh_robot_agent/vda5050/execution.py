@@ -153,6 +153,11 @@ class Execution:
         return (self.order.driving and not self.drive.stays_paused) or self.has_own_motion
 
     @property
+    def is_executing(self) -> bool:
+        """True while the robot executes a drive of the order, or something for an action."""
+        return self.order.driving or bool(self.calls.commands or self.tasks.awaited_id)
+
+    @property
     def has_leftovers(self) -> bool:
         """True while the robot executes what an action has started before a restart."""
         return self.calls.has_leftovers or self.tasks.has_leftover
