@@ -48,6 +48,19 @@ async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(site: S
 
 
 @aio
+async def test_soft_actions_for_which_the_robot_has_one_action_follow_each_other(
+    site: Site,
+) -> None:
+    step = action("step", "step", blocking="SOFT", distance=0.3)
+    turn = action("rotate", "turn", blocking="SOFT", angle=0.5)
+    async with site.online() as master:
+        master.order([node("a", 0, *START, actions=[step, turn])])
+        await master.status("step", "FINISHED")
+        await master.status("turn", "FINISHED")
+    assert commands(site.chassis) == ["step_control execute"] * 2
+
+
+@aio
 async def test_soft_actions_run_together_and_hard_ones_alone(site: Site) -> None:
     soft = [lift("s1", "SOFT"), pick("s2", "SOFT")]
     hard = [lift("h1", "HARD", 0.0), action("drop", "h2", blocking="HARD")]

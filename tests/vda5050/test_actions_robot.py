@@ -241,6 +241,7 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
         step = action("step", "step", distance=0.6, speed=0.02)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 7.0, -7.0)])
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        set_speed(site.chassis, 0.1)
         site.chassis.drop()
         state = await master.error("interruptedError")
         assert status_of(state, "step") == "FAILED"
@@ -248,6 +249,7 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
         (error,) = [each for each in state["errors"] if each["errorType"] == "interruptedError"]
         assert error["errorLevel"] == "FATAL"
         assert "does not tell how it ended" in error["errorDescription"]
+        set_speed(site.chassis, 20.0)
         master.instant(action("cancelOrder", "cancel"))
         await master.status("cancel", "FINISHED")
     assert commands(site.chassis) == ["step_control execute"]

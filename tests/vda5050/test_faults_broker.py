@@ -6,13 +6,14 @@ import asyncio
 import gc
 import json
 import logging
+import signal
 from pathlib import Path
 
 import pytest
 
 from tests.quick_chassis import set_speed
 from tests.tools.waiting import TIMEOUT, aio, eventually
-from tests.vda5050.conftest import EXEC, Site
+from tests.vda5050.conftest import EXEC, LEG, Site
 from tests.vda5050.master import START, Master, action, error_types, node, nodes_left
 from tests.vda5050.programs import running_connector
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
@@ -212,3 +213,23 @@ async def test_another_connector_whose_end_was_missed_is_gone_after_a_while() ->
 
 def test_topics_that_the_vehicle_may_not_read_are_found() -> None:
     assert refused_topics(["order", "instantActions"], [0, 0x80]) == ["instantActions"]
+
+
+@aio
+async def test_an_order_that_came_while_the_connector_was_suspended_is_not_driven(
+    site: Site, tmp_path: Path
+) -> None:
+    async with Master(site.broker.port) as master:
+        with running_connector(site.chassis, site.broker.url, tmp_path) as connector:
+            await master.online()
+            connector.send_signal(signal.SIGSTOP)
+            master.order(LEG)
+            await eventually(
+                lambda: master.last("connection")["connectionState"] == "CONNECTIONBROKEN"
+            )
+            connector.send_signal(signal.SIGCONT)
+            await eventually(lambda: master.last("connection")["connectionState"] == "ONLINE")
+            master.instant(action("stateRequest", "r"))
+            await master.status("r", "FINISHED")
+            assert master.state["orderId"] == ""
+    assert site.chassis.counts[EXEC] == 0

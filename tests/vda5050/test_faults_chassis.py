@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,10 +22,15 @@ from tests.vda5050.master import (
     node,
     nodes_left,
     references,
+    result_of,
     status_of,
 )
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.vda5050.robot import calls, tasks
 from woosh_robot_agent.vda5050.robot.link import Timing
 
 SPEAK = "woosh.robot.Speak"
@@ -170,6 +176,99 @@ async def test_a_start_without_an_answer_is_found_out_and_not_repeated(site: Sit
         ended = await master.reached("b")
         assert ended["errors"] == []
     assert site.chassis.counts[EXEC] == 1
+
+
+def hide_tasks(chassis: SimulatorThread) -> Callable[[], None]:
+    """Let a chassis tell nothing of its tasks; return a function that ends this."""
+
+    def without_tasks(frame: Outgoing) -> list[Outgoing]:
+        if isinstance(frame.body, RobotInfo):
+            frame.body.ClearField("task_proc")
+        elif isinstance(frame.body, TaskProc | TaskHistory):
+            return [replace(frame, body=type(frame.body)())] if frame.is_answer else []
+        return [frame]
+
+    return chassis.intercept(without_tasks)
+
+
+@aio
+@pytest.mark.parametrize("begun", [True, False])
+async def test_a_task_that_the_robot_drops_without_a_report_is_an_error(
+    site: Site, monkeypatch: pytest.MonkeyPatch, begun: bool
+) -> None:
+    monkeypatch.setattr(tasks, "_CHECK_EVERY", 0.5)
+    async with site.online() as master:
+        if not begun:
+            hide_tasks(site.chassis)
+        await site.drive(master)
+        if begun:
+            hide_tasks(site.chassis)
+        site.chassis.call(lambda simulator: simulator.chassis.tasks.cancel("a restart"))
+        state = await master.error("drivingError")
+        assert nodes_left(state) == "b"
+        assert "does not know the task" in str(state["errors"])
+    assert site.chassis.counts[EXEC] == 1
+
+
+@aio
+async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tasks, "_CHECK_EVERY", 0.5)
+    async with site.online() as master:
+        show = hide_tasks(site.chassis)
+        await site.drive(master, then=0.02)
+        await master.error("drivingError")
+        show()
+        site.chassis.call(lambda each: each.chassis.emit(each.chassis.tasks.reported))
+        await eventually(lambda: site.chassis.counts[ORDER])
+        set_speed(site.chassis, 20.0)
+        await site.idle()
+        state = await master.wait_state(lambda state: not state["driving"])
+        assert nodes_left(state) == "b"
+    assert site.chassis.state.pose.x < 7.9
+    assert site.chassis.counts[EXEC] == 1
+
+
+def hide_actions(chassis: SimulatorThread, answer: Feedbacks) -> None:
+    """Let a chassis push nothing of its actions, and answer all queries about them alike."""
+
+    def without_actions(frame: Outgoing) -> list[Outgoing]:
+        if isinstance(frame.body, Feedbacks):
+            frame.body.CopyFrom(answer)
+            return [frame] if frame.is_answer else []
+        return [frame]
+
+    chassis.intercept(without_actions)
+
+
+@aio
+@pytest.mark.parametrize("begun", [True, False])
+async def test_an_action_that_the_robot_drops_without_a_report_fails(
+    site: Site, monkeypatch: pytest.MonkeyPatch, begun: bool
+) -> None:
+    monkeypatch.setattr(calls, "_CHECK_EVERY", 0.5)
+    async with site.online() as master:
+        if not begun:
+            hide_actions(site.chassis, Feedbacks())
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        hide_actions(site.chassis, Feedbacks())
+        state = await master.status("step", "FAILED")
+        assert "does not tell how it ended" in result_of(state, "step")
+
+
+@aio
+async def test_the_end_of_an_earlier_action_does_not_end_the_next_one(site: Site) -> None:
+    async with site.online() as master:
+        master.instant(action("step", "first", distance=0.2))
+        await master.status("first", "FINISHED")
+        last = site.chassis.call(lambda simulator: simulator.chassis.actions.last)
+        hide_actions(site.chassis, Feedbacks(fbs=last.values()))
+        master.instant(action("step", "next", distance=1.0, speed=0.02))
+        await master.status("next", "RUNNING")
+        site.chassis.drop()
+        await master.status("next", "FAILED")
 
 
 @aio

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 import time
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from tests.vda5050.programs import running_connector
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ChangeNavMode
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050 import store
@@ -231,31 +234,59 @@ async def test_a_connector_that_is_killed_again_and_again_repeats_nothing(
     assert site.chassis.counts[EXEC] == 2
 
 
-@aio
-async def test_a_speed_limit_is_saved_before_the_robot_gets_it(
-    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Otherwise a kill in between would leave the limit at the robot for ever."""
-    folder = tmp_path / "state"
-    at_the_limit: list[bool] = []
+SavedAtCommand = Callable[[type[Message]], list[dict[str, Any]]]
+
+
+@pytest.fixture
+def saved_at_command(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SavedAtCommand:
+    """Function that returns a list of what is saved in `tmp_path` when the robot gets a command.
+
+    Writing the file takes long, so that a command that is sent too early is noticed.
+    """
     replace_file = store.replace_file
 
     def write_slowly(path: Path, content: bytes) -> None:
         time.sleep(0.2)
         replace_file(path, content)
 
-    def note(out: Outgoing) -> list[Outgoing]:
-        if out.request == full_name(ChangeNavMode):
-            at_the_limit.append(saved(folder)["speed_is_limited"])
-        return [out]
+    def watch(command: type[Message]) -> list[dict[str, Any]]:
+        found: list[dict[str, Any]] = []
 
-    monkeypatch.setattr(store, "replace_file", write_slowly)
-    site.chassis.intercept(note)
-    async with site.online(state_folder=folder) as master:
+        def note(out: Outgoing) -> list[Outgoing]:
+            if out.request == full_name(command):
+                found.append(saved(tmp_path))
+            return [out]
+
+        monkeypatch.setattr(store, "replace_file", write_slowly)
+        site.chassis.intercept(note)
+        return found
+
+    return watch
+
+
+@aio
+async def test_a_speed_limit_is_saved_before_the_robot_gets_it(
+    site: Site, tmp_path: Path, saved_at_command: SavedAtCommand
+) -> None:
+    """Otherwise a kill in between would leave the limit at the robot for ever."""
+    found = saved_at_command(ChangeNavMode)
+    async with site.online(state_folder=tmp_path) as master:
         a, b, c = node("a", 0, *START), node("b", 2, 7.0, -7.0), node("c", 4, 9.0, -7.0)
         master.order([a, b, c], [edge(a, b), edge(b, c, maxSpeed=0.3)])
         await master.reached("c")
-    assert at_the_limit[0]
+    assert found[0]["speed_is_limited"]
+
+
+@aio
+async def test_an_action_is_saved_before_the_robot_begins_it(
+    site: Site, tmp_path: Path, saved_at_command: SavedAtCommand
+) -> None:
+    """Otherwise startPause and cancelOrder would not stop it after a kill in between."""
+    found = saved_at_command(CallAction)
+    async with site.online(state_folder=tmp_path) as master:
+        master.instant(action("step", "step", distance=0.2))
+        await master.status("step", "FINISHED")
+    assert found[0]["calls"] == [full_name(StepControl)]
 
 
 @aio

@@ -27,6 +27,7 @@ def test_an_order_of_one_node_ends_at_once() -> None:
 
 ORDER = path("abc", "d")
 MALFORMED = {
+    "no id": replace(ORDER, id=""),
     "no node": replace(ORDER, nodes=()),
     "an edge too few": replace(ORDER, edges=ORDER.edges[:-1]),
     "an edge too many": replace(ORDER, edges=(*ORDER.edges, Edge("x", 7, "d", "e"))),
@@ -56,7 +57,7 @@ MALFORMED = {
 def test_a_malformed_order_is_rejected(order: Order) -> None:
     error = Robot().refuses(order)
     assert (error.type, error.level) == (ErrorType.VALIDATION, ErrorLevel.WARNING)
-    assert references(error)["orderId"] == "order"
+    assert references(error)["orderId"] == order.id
     assert references(error)["orderUpdateId"] == "0"
 
 
@@ -180,8 +181,11 @@ def test_an_update_can_delete_the_horizon() -> None:
 
 def test_the_content_of_the_stitching_node_is_that_of_the_first_order() -> None:
     robot = given(path("ab", "c", actions={"b": [action("first")]}))
-    changed = path("bc", first=2, update=1, b=place(9.0), actions={"b": [action("second")]})
-    robot.give(changed)
+    added = path("bc", first=2, update=1, actions={"b": [action("first"), action("second")]})
+    error = robot.refuses(added)
+    assert error.type == ErrorType.ORDER_UPDATE
+    assert references(error)["actionId"] == "second"
+    robot.give(path("bc", first=2, update=1, b=place(9.0)))
     assert robot.actions == {"first": "WAITING"}
     position = robot.machine.status.nodes[0].position
     assert position is not None

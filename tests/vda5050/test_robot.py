@@ -128,7 +128,7 @@ async def test_a_cancel_at_the_moment_when_the_condition_holds_is_not_lost(
 
 @aio
 async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:
-    link = RobotLink(LinkConfig(), Timing(), lambda: None, lambda: None)
+    link = RobotLink(LinkConfig(), Timing(), *[lambda: None] * 3)
     execution = Execution(link, V2_1, action_types(V2_1))
     runner = ActionRunner(execution, cast("Any", None), None)
     speak = Action("1", "speak", parameters={"text": "never said"})

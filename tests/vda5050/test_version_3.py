@@ -378,6 +378,8 @@ async def test_rejections_have_the_predefined_errors(site: Site) -> None:
         assert references(error)["parameter"] == "corridor"
         master.order([node("far", 0, 0.0, 0.0)], [])
         await master.error("START_NODE_OUT_OF_RANGE")
+        master.order(nodes, _edges(nodes), update=1)  # an update without its order
+        await master.error("INVALID_ORDER")
         master.send("zoneSet", _zone_set())
         state = await master.error("UNSUPPORTED_PARAMETER")
         assert state["orderId"] == ""

@@ -153,6 +153,11 @@ class Execution:
         return (self.order.driving and not self.drive.stays_paused) or self.has_own_motion
 
     @property
+    def is_executing(self) -> bool:
+        """True while the robot executes a drive of the order, or something for an action."""
+        return self.order.driving or bool(self.calls.commands or self.tasks.awaited_id)
+
+    @property
     def has_leftovers(self) -> bool:
         """True while the robot executes what an action has started before a restart."""
         return self.calls.has_leftovers or self.tasks.has_leftover
@@ -181,7 +186,7 @@ class Execution:
     @property
     def _is_driven_otherwise(self) -> bool:
         """True if something other than the order and the vehicle's actions drives the robot."""
-        if self.order.driving:
+        if self.order.driving or self.drive.id:  # it may have a task that began too late
             return False
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
@@ -391,7 +396,7 @@ class Execution:
             self.may_act
             and self.robot.is_automatic
             and self.robot.position is not None
-            and not self.tasks.id
+            and not (self.tasks.id or self.drive.id)
         )
         return self.order.poll(
             may_drive=may_drive and not self._must_wait,

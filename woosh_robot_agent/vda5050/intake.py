@@ -41,6 +41,9 @@ _NO_MARK = Sentence(
 _NO_MAP = Sentence("vda.noMap", "the robot has no map {map}")
 _TRAJECTORY = Sentence("vda.trajectory", "the robot cannot drive the trajectory: {reason}")
 _UNSUPPORTED = Sentence("vda.unsupported", "the robot cannot obey {fields} of {place}")
+_LOST_BEGINNING = Sentence(
+    "vda.lostBeginning", "it is an update of an order that the vehicle does not have"
+)
 _ORDER = Sentence("vda.theOrder", "the order")
 _EDGE = Sentence("vda.anEdge", "an edge")
 _AWAY = Sentence("vda.away", "it begins or ends {distance} m away from node {node}")
@@ -277,7 +280,15 @@ class Intake:
         Raises:
             RejectedError: the vehicle cannot perform the order.
         """
+        is_new = order.id != self._execution.order.order_id
+        if is_new and order.update_id and self._version.is_3:
+            raise rejection(
+                ErrorType.ORDER,
+                order,
+                _LOST_BEGINNING(),
+                "send a new order, with another orderId and orderUpdateId 0",
+            )
         # in version 2.1, a new order removes the ended instant actions from the state
-        keeps_ended = self._version.is_3 or order.id == self._execution.order.order_id
+        keeps_ended = self._version.is_3 or not is_new
         check_instant_ids(order, self._execution.instant.ids_in_state(ended=keeps_ended))
         OrderCheck(order, self._execution.types).check(self._execution.robot_status)

@@ -9,6 +9,7 @@ import math
 import os
 import re
 import ssl
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -143,6 +144,8 @@ class MqttConnection:
         """True while messages can be published."""
         self._connected_at = math.inf
         """Loop time at which the connection of the last attempt began; infinite without one."""
+        self._awake_at = math.inf
+        """Last time, by `_boot_time`, at which this program was awake during the connection."""
 
     def publish(self, publication: Publication) -> None:
         """Queue a message for publication; drop it if there is no connection."""
@@ -215,11 +218,13 @@ class MqttConnection:
             self._outbox = asyncio.Queue()
             self.connected = True
             self._connected_at = asyncio.get_running_loop().time()
+            self._awake_at = _boot_time()
             _LOG.info("connected to the broker at %s:%d", broker.host, broker.port)
             self._on_connected()
             work = [
                 asyncio.create_task(self._read(client), name="mqtt reader"),
                 asyncio.create_task(self._send(client), name="mqtt sender"),
+                asyncio.create_task(self._stay_awake(), name="mqtt stall watch"),
             ]
             try:
                 done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
@@ -232,8 +237,28 @@ class MqttConnection:
 
     async def _read(self, client: aiomqtt.Client) -> None:
         async for message in client.messages:
+            self._check_awake()
             self._handle(message)
             await asyncio.sleep(0)  # a flood of messages must not stop everything else
+
+    async def _stay_awake(self) -> None:
+        while True:
+            self._check_awake()
+            await asyncio.sleep(1.0)
+
+    def _check_awake(self) -> None:
+        """Check that this program has not stood still, e.g. suspended, for too long.
+
+        Then the broker has published the last will, and the messages that still come over the
+        connection are of any age: a drive that they order may not be wanted any more.
+
+        Raises:
+            MqttError: it stood still since the last check, or since the one that failed.
+        """
+        now = _boot_time()
+        if now - self._awake_at > 1.5 * self._broker.keepalive:
+            raise aiomqtt.MqttError("this program stood still; what came meanwhile is ignored")
+        self._awake_at = now
 
     def _handle(self, message: aiomqtt.Message) -> None:
         topic = message.topic.value
@@ -254,6 +279,11 @@ class MqttConnection:
         while True:
             await client.publish(*await self._outbox.get())
             self._outbox.task_done()
+
+
+def _boot_time() -> float:
+    """Return a time in seconds that does not jump, and counts while the computer is suspended."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class _Client(aiomqtt.Client):

@@ -44,7 +44,7 @@ class Vehicle:
     def __init__(self, config: VehicleConfig, broker: BrokerConfig) -> None:
         self._config = config
         self._broker = broker
-        self._link = RobotLink(config.link, config.timing, self._changed, self._moved)
+        self._link = RobotLink(config.link, config.timing, self._changed, self._moved, self._save)
         types = action_types(config.version, can_log=config.log_folder is not None)
         self._execution = Execution(self._link, config.version, types)
         self._reported = self._execution.robot

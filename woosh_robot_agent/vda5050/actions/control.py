@@ -45,8 +45,14 @@ async def start_pause(run: Run) -> None:
     """Pause the drive and the actions that move something."""
     execution, limit = run.execution, run.link.timing.pause_within
     execution.set_pause_wanted(True)
+
+    def stands() -> bool:
+        # without a link, people may let the robot go on with what it executes
+        is_known = run.link.ready or not execution.is_executing
+        return is_known and execution.paused and not execution.has_own_motion
+
     await run.wait(
-        lambda: (execution.paused and not execution.has_own_motion) or not execution.pause_wanted,
+        lambda: stands() or not execution.pause_wanted,
         limit,
         # the pause stays wanted after the failure, so that a robot that obeys late stops too
         _NOT_PAUSED(seconds=f"{limit:g}"),
@@ -66,11 +72,16 @@ async def stop_pause(run: Run) -> None:
             execution.drive.want(Control.RESUME)
         execution.calls.want(Control.RESUME)
         execution.tasks.want(Control.RESUME)
-    await run.wait(
-        lambda: not execution.paused or execution.pause_wanted,
-        limit,
-        _NOT_RESUMED(seconds=f"{limit:g}"),
-    )
+
+    def is_done() -> bool:
+        return not execution.paused or execution.pause_wanted
+
+    while not is_done():
+        # without a link it goes on, because the robot will resume when the link is back
+        await run.link.conditions.wait(lambda: run.link.ready or is_done())
+        await run.wait(
+            lambda: not run.link.ready or is_done(), limit, _NOT_RESUMED(seconds=f"{limit:g}")
+        )
     if execution.pause_wanted:
         raise ActionFailedError(_MEANWHILE(action=START_PAUSE))
 

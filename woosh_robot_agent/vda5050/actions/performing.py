@@ -80,8 +80,7 @@ class Run:
     async def call(self, command: Message) -> str:
         """Perform an action of the robot, e.g. StepControl, by `RobotCalls.perform`.
 
-        First wait for the end of an action of the same kind that is being cancelled, e.g. because
-        the vehicle has left its edge.
+        First wait for the end of an action of the same kind: the robot executes one at a time.
 
         Returns:
             The text of the robot's last report on the action.
@@ -90,8 +89,8 @@ class Run:
             ActionFailedError: the action failed.
         """
         calls = self.execution.calls
-        if calls.is_cancelling(command):
-            await self.link.conditions.wait(lambda: not calls.is_cancelling(command))
+        while calls.executes(command):
+            await self.link.conditions.wait(lambda: not calls.executes(command))
             await self.wait_until_resumed()
         return await calls.perform(command, self.report)
 

@@ -31,6 +31,7 @@ from woosh_robot_agent.vda5050.orders.reach import Route, in_sequence
 from woosh_robot_agent.vda5050.orders.structure import (
     OrderKind,
     check_action_ids,
+    check_first_actions,
     check_start,
     classify,
 )
@@ -235,6 +236,7 @@ class OrderMachine:
         horizon: list[Node | Edge] = []
         if kind is OrderKind.UPDATE:
             horizon = [part for part in self._route.parts if not part.released]
+            check_first_actions(order, self.has_action)
             check_action_ids(order, self._actions.ids_without(horizon))
         check(order)  # before check_start, which would fail with another error on an unknown map
         if kind is OrderKind.NEW:

@@ -18,6 +18,7 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.orders.legs import need_standstill
 from woosh_robot_agent.vda5050.orders.reach import is_reached
 
+_NO_ID = Sentence("vda.noId", "orderId is empty")
 _NO_NODE = Sentence("vda.noNode", "the order has no node")
 _EDGES = Sentence(
     "vda.edges", "the order has {nodes} nodes and {edges} edges; it needs one edge less than nodes"
@@ -36,6 +37,7 @@ _OUTDATED = Sentence("vda.outdated", "the vehicle has orderUpdateId {id} already
 _CHANGED = Sentence("vda.changed", "the vehicle has another content of orderUpdateId {id}")
 _CANCELLED = Sentence("vda.cancelled", "the order was cancelled")
 _NO_UPDATE = Sentence("vda.noUpdate", "the update does not begin with the last node of the base")
+_NEW_ACTION = Sentence("vda.newAction", "the last node of the base does not have this action")
 _ELSEWHERE = Sentence(
     "vda.elsewhere", "the vehicle is not within the permitted deviation from the first node"
 )
@@ -47,6 +49,8 @@ def check_structure(order: Order) -> None:
     Raises:
         RejectedError: the nodes and edges do not form one path.
     """
+    if not order.id:  # it would stand for no order
+        raise _malformed(order, _NO_ID())
     if not order.nodes:
         raise _malformed(order, _NO_NODE())
     if len(order.edges) != len(order.nodes) - 1:
@@ -190,6 +194,24 @@ def classify(
             nodeId=first.id,
         )
     return OrderKind.UPDATE
+
+
+def check_first_actions(order: Order, is_known: Callable[[str], bool]) -> None:
+    """Check that an update adds no action to its first node, the last one of the base.
+
+    Raises:
+        RejectedError: `is_known` returns False for the id of an action of the node.
+    """
+    for action in order.nodes[0].actions:
+        if not is_known(action.id):
+            raise rejection(
+                ErrorType.ORDER_UPDATE,
+                order,
+                _NEW_ACTION(),
+                "leave the first node as it was, and add a node with the action at the same place",
+                nodeId=order.nodes[0].id,
+                actionId=action.id,
+            )
 
 
 def check_start(order: Order, stands_on: Callable[[Node], bool]) -> None:

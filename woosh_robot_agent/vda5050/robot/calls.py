@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
@@ -35,10 +36,13 @@ from woosh_robot_agent.vda5050.robot.control import Controller
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
+_REPORT_AFTER = 3.0
+"""Time after which the robot must have reported an action that it executes, in seconds."""
 _ASK_EVERY = 1.0
 """Pause between two queries about an action, in seconds."""
+_CHECK_EVERY = 5.0
+"""Time after which the robot is asked about an action, in case a report was lost, in seconds."""
 _FAILED = Sentence("vda.failed", "the robot failed")()
-_ANOTHER = Sentence("vda.another", "the robot executes another {name} already")
 _NOT_SENT = Sentence("vda.notSent", "{name} was not sent: {reason}")
 _UNKNOWN = Sentence("vda.unknownEnd", "the robot does not tell how it ended")
 _FAILURES = {
@@ -71,12 +75,12 @@ class _Call:
 
     Attributes:
         accepted: True if the robot has accepted the start.
-        reported: True if the robot has reported the action as executing or paused.
+        reported: True if the robot has reported the action as executing or paused over the current
+            link.
         cannot_pause: True if the robot could not pause the action, which does not move the base.
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
         outcome_unknown: True if the robot does not tell how the action ended.
-        is_cancelled: True once the action is being cancelled.
         is_leftover: True if the action was started before a restart of the program.
         result: text of the last report.
         controller: pauses, resumes and cancels the action.
@@ -92,7 +96,6 @@ class _Call:
         self.reported = False
         self.cannot_pause = False
         self.outcome_unknown = False
-        self.is_cancelled = False
         self.is_leftover = False
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.result = ""
@@ -120,13 +123,17 @@ class _Call:
 class RobotCalls:
     """Executes the robot's own actions, one of each kind at a time.
 
-    A start is never repeated. If its answer is lost, the reports of the robot decide.
+    A start is never repeated. If its answer is lost, the reports of the robot decide. The robot is
+    also asked from time to time, because it may drop an action without a report.
     """
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
         self._calls: dict[str, _Call] = {}
         """Current actions, by the full name of their command."""
+        self._ends: dict[str, Feedback] = {}
+        """Last reports on actions that have ended, by the full name of the command, until the next
+        one of the kind is reported. The robot repeats them when it is asked."""
         link.chassis.subscribe(Feedbacks, self._reported)
         link.chassis.on_snapshot(self._snapshot)
         link.chassis.on_state(self._link_changed)
@@ -175,6 +182,7 @@ class RobotCalls:
             call.accepted = call.is_leftover = True
             call.ended.add_done_callback(partial(self._leftover_ended, name))
             self._ask_about(call)
+            self._link.background.start(self._check(call))
 
     def _leftover_ended(self, name: str, _ended: asyncio.Future[str]) -> None:
         del self._calls[name]
@@ -186,10 +194,9 @@ class RobotCalls:
             if call.is_leftover:
                 call.controller.want(Control.CANCEL)
 
-    def is_cancelling(self, command: Message) -> bool:
-        """Return True while an action of the same kind is being cancelled."""
-        call = self._calls.get(full_name(command))
-        return call is not None and call.is_cancelled
+    def executes(self, command: Message) -> bool:
+        """Return True while an action of the same kind has not ended."""
+        return full_name(command) in self._calls
 
     async def perform(self, command: Message, report: Callable[[ActionStatus], None]) -> str:
         """Execute an action, and return the text of its last report.
@@ -197,23 +204,21 @@ class RobotCalls:
         When cancelled, cancel the action at the robot, and wait for its end.
 
         Args:
-            command: the command, a member of CallAction.
+            command: the command, a member of CallAction; none of its kind may be executed now.
             report: called when the robot accepts, pauses or resumes the action.
 
         Raises:
             ActionFailedError: the action failed; of kind INTERRUPTED if its outcome is unknown.
         """
         name = full_name(command)
-        if name in self._calls:
-            raise ActionFailedError(_ANOTHER(name=command.DESCRIPTOR.name))
         call = self._calls[name] = self._new_call(command, report)
-        self._link.changed()  # so that `commands` is saved
+        self._link.save()  # so that a kill from now on does not hide what the robot does
         try:
             await self._start(call)
+            self._link.background.start(self._check(call))
             reason = await asyncio.shield(call.ended)
         except asyncio.CancelledError:
             if not self._link.is_closing:  # when the connector ends, the robot goes on
-                call.is_cancelled = True
                 call.controller.want(Control.CANCEL)
                 await asyncio.wait({call.ended})
             raise
@@ -267,6 +272,15 @@ class RobotCalls:
         for report in reports.fbs:
             if call := self._calls.get(report.action):
                 self._handle_report(call, report)
+        self._note_ends(reports.fbs)
+
+    def _note_ends(self, reports: Iterable[Feedback]) -> None:
+        """Remember the ends of actions, and forget those after which another action has begun."""
+        for report in reports:
+            if report.state == ros_pack_pb2.kRosSuccess or report.state in _FAILURES:
+                self._ends[report.action] = report
+            else:
+                self._ends.pop(report.action, None)
 
     def _handle_report(self, call: _Call, report: Feedback) -> None:
         """Update an action from a report."""
@@ -316,22 +330,37 @@ class RobotCalls:
 
     def _link_changed(self, state: LinkState) -> None:
         for call in self._calls.values():
+            if state is not LinkState.READY:
+                call.accepted |= call.reported
+                call.reported = False
             call.controller.send_now()
 
+    async def _check(self, call: _Call) -> None:
+        """Ask the robot about an action from time to time until the action has ended."""
+        while not call.ended.done():
+            await asyncio.sleep(_CHECK_EVERY)
+            if not call.ended.done():
+                self._ask_about(call)
+
     def _ask_about(self, call: _Call) -> None:
-        """Ask the robot about an action, until it answers or the link is lost."""
+        """Ask the robot about an action until its state is known or the link is lost."""
         self._link.background.start_once(lambda: self._ask(call), call)
 
     async def _ask(self, call: _Call) -> None:
+        clock = asyncio.get_running_loop().time
+        name, deadline, is_known = full_name(call.command), math.inf, False
+
         def take_answer(answer: Answer) -> None:
+            nonlocal is_known
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
-            mine = [each for each in reports if each.action == full_name(call.command)]
-            if mine:
+            mine = [each for each in reports if each.action == name]
+            # a robot that refuses queries may report on the action nevertheless
+            is_known = call.reported and not answer.ok
+            if mine and mine[-1] != self._ends.get(name):
                 self._handle_report(call, mine[-1])
-            # if nothing shows that this call has begun, the reported end is that of an earlier call
-            if not mine or not (call.accepted or call.reported):
-                call.outcome_unknown = True
-                call.end(_UNKNOWN())
+                # if nothing shows that this call has begun, a reported end is of an earlier call
+                is_known = call.accepted or call.reported
+            self._note_ends(mine)
 
         while not call.ended.done():
             try:
@@ -339,8 +368,16 @@ class RobotCalls:
                 await self._link.ask(Feedbacks(), tap=take_answer)
             except LinkError as error:
                 _LOG.debug("reports on %s: %s", call.name, error)
+                if not self._link.ready:
+                    return  # asked again after a reconnect
+                deadline = math.inf  # the robot has the full time again once it answers
             else:
-                return
-            if not self._link.ready:
-                return  # asked again after a reconnect
+                if is_known:
+                    return
+                if clock() > deadline:
+                    call.outcome_unknown = True
+                    call.end(_UNKNOWN())
+                    return
+                # an action that has just begun may not be in the answer yet
+                deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)

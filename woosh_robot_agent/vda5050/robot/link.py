@@ -117,6 +117,7 @@ class RobotLink:
         timing: how long to wait for the robot.
         on_changed: called after each event that may change the state of the vehicle, except a pose.
         on_moved: called after each report of a pose.
+        save: see the attribute.
 
     Attributes:
         chassis: client of the robot.
@@ -124,6 +125,7 @@ class RobotLink:
         timing: how long to wait for the robot.
         changed: call it after each event that may change the state of the vehicle, except a pose.
         moved: call it after each report of a pose.
+        save: call it before a command, to save the state that must survive a restart.
         conditions: conditions of the vehicle that its actions wait for.
         background: asyncio tasks that end with the link.
         is_closing: True once the link is being closed; the robot continues its task or action.
@@ -135,6 +137,7 @@ class RobotLink:
         timing: Timing,
         on_changed: Callable[[], None],
         on_moved: Callable[[], None],
+        save: Callable[[], None],
     ) -> None:
         self.chassis = ChassisClient(config=config, minimum_timeouts=timing.minimum_timeouts)
         self.gate = MotionGate(self.chassis)
@@ -142,6 +145,7 @@ class RobotLink:
         self.timing = timing
         self.changed = on_changed
         self.moved = on_moved
+        self.save = save
         self.conditions = Conditions()
         self.background = Background()
         self.is_closing = False

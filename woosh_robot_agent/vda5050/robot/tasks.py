@@ -106,6 +106,8 @@ _REPORT_AFTER = 3.0
 """Time after which the robot must have reported a task that it executes, in seconds."""
 _ASK_EVERY = 1.0
 """Pause between two queries about a task, in seconds."""
+_CHECK_EVERY = 5.0
+"""Time after which the robot is asked about a task, in case a report was lost, in seconds."""
 _THE_TASK = Sentence("vda.theTask", "the task")
 _RESTARTED = Sentence("vda.restartedBefore", "the connector was restarted before it sent the task")
 _OTHER_ACTION = Sentence("vda.otherAction", "the robot executes the task of another action")
@@ -129,7 +131,8 @@ _ORDERS = {
 class TaskRunner:
     """Executes one task of the robot at a time. Used in the event loop of the link.
 
-    A start is never repeated. If the outcome of a task is unknown, the robot is asked.
+    A start is never repeated. If the outcome of a task is unknown, the robot is asked. It is also
+    asked from time to time, because it may drop a task without a report.
 
     Args:
         link: the link to the robot.
@@ -152,6 +155,8 @@ class TaskRunner:
         self.id = 0
         self._last_id = 0
         """Highest id so far, so that no id is used twice."""
+        self._given_up = 0
+        """Id of the last task that the robot did not know any more; 0 without one."""
         self.foreign_id = 0
         self.confirmed = False
         self._controller = self._new_controller()
@@ -185,6 +190,7 @@ class TaskRunner:
         self._set_current(task_id)
         if task_id:
             self._snapshot(info)
+            self._link.background.start(self._check(task_id))
         else:
             self._on_end(_RESTARTED())
 
@@ -231,6 +237,7 @@ class TaskRunner:
         else:
             if not answer.ok:
                 self._end(task_id, ROBOT_REFUSED(what=_THE_TASK(), reason=answer.reason))
+        await self._check(task_id)
 
     # Reports
 
@@ -246,6 +253,11 @@ class TaskRunner:
     def _update_foreign_id(self, report: TaskProc) -> None:
         """Update `foreign_id` from a report on the task that the robot executes."""
         is_foreign = report.state not in _END_REASONS and report.robot_task_id != self.id
+        if is_foreign and not self.id and report.robot_task_id == self._given_up != 0:
+            _LOG.warning("the robot begins task %d too late; it is cancelled", self._given_up)
+            self._set_current(self._given_up)
+            self.want(Control.CANCEL)
+            is_foreign = False
         foreign_id = report.robot_task_id if is_foreign else 0
         if foreign_id != self.foreign_id:
             self.foreign_id = foreign_id
@@ -281,14 +293,24 @@ class TaskRunner:
         if task_id := self.id:
             self._link.background.start_once(lambda: self._ask(task_id), (self, task_id))
 
+    async def _check(self, task_id: int) -> None:
+        """Ask the robot about a task from time to time until the task has ended."""
+        while task_id == self.id:
+            await asyncio.sleep(_CHECK_EVERY)
+            if task_id == self.id:
+                self._ask_until_known()
+
     async def _ask(self, task_id: int) -> None:
         clock = asyncio.get_running_loop().time
         deadline = math.inf
         while task_id == self.id:
             try:
                 await self._link.chassis.wait_ready(_ASK_EVERY)
-                if await self._ask_current(task_id) or await self._ask_history(task_id):
+                is_current = await self._ask_current(task_id)
+                if is_current or await self._ask_history(task_id):
                     return
+                if is_current is None and self.confirmed:
+                    return  # the robot refuses queries, but reports on the task
             except LinkError as error:
                 _LOG.debug("no answer about task %d: %s", task_id, error)
                 deadline = math.inf  # the robot has the full time again once it answers
@@ -300,11 +322,11 @@ class TaskRunner:
                 deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)
 
-    async def _ask_current(self, task_id: int) -> bool:
+    async def _ask_current(self, task_id: int) -> bool | None:
         """Ask for the current task of the robot, and take the report on it.
 
         Returns:
-            True if `task_id` is the current task of the robot.
+            True if `task_id` is the current task of the robot; None if the robot refused to tell.
         """
 
         def take_answer(answer: Answer) -> None:
@@ -314,6 +336,8 @@ class TaskRunner:
                     self._handle_report(answer.body)
 
         answer = await self._link.ask(TaskProc(), tap=take_answer)
+        if not answer.ok:
+            return None
         return isinstance(answer.body, TaskProc) and answer.body.robot_task_id == task_id
 
     async def _ask_history(self, task_id: int) -> bool:
@@ -344,6 +368,8 @@ class TaskRunner:
     def _end(self, task_id: int, reason: str) -> None:
         """End a task, unless it is not the current one any more."""
         if task_id and task_id == self.id:
+            if reason == _UNKNOWN_TASK:
+                self._given_up = task_id
             self._set_current(0)
             self._on_end(reason)
 
