@@ -410,7 +410,10 @@ class Connection:
                     pending.future.set_exception(SupersededError(NOT_SENT(reason=reason)))
 
     def subscribe(self, topics: list[str], *, on: bool) -> None:
-        """Subscribe to or unsubscribe from pushes of these types. The chassis does not answer."""
+        """Subscribe to or unsubscribe from pushes of these types. The chassis does not answer.
+
+        Does nothing without types, or if the connection has ended.
+        """
         if topics and self._cause is None:
             data = self._codec.encode(SUBSCRIPTION_TYPE, Subscription(topics=topics, sub=on))
             self._subscribe_frames += 1

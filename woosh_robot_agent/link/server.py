@@ -83,7 +83,7 @@ class Listener:
         self.port: int = server.sockets[0].getsockname()[1]
 
     def drop(self) -> None:
-        """Abort all HTTP connections, also idle ones."""
+        """Abort all HTTP connections, also idle ones; does nothing for TCP."""
         if self._http is None:
             return
         for connection in self._http.connections:
@@ -137,7 +137,7 @@ class ConnectedClient:
 
     @property
     def unsent(self) -> int:
-        """Number of queued frames plus bytes in the transport's buffer.
+        """Number of queued frames plus bytes in the transport's buffer; compare it with 0 only.
 
         A frame that a `Write` is sending does not count.
         """

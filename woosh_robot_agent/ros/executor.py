@@ -468,7 +468,7 @@ class _IdleThread:
                 self._thread = None
 
     def _wait(self) -> bool:
-        """Wait until entities are ready, and report them; return False at the end."""
+        """Wait until entities are ready, and report them; return False if the thread has to end."""
         with self._lock:
             if self._is_closed or not self._context.ok():
                 return False

@@ -54,7 +54,9 @@ Replaceable by: a wait set exported by rclpy, or executors that look only at wha
 
 
 def take_message(subscription: Any) -> tuple[Any, Any] | None:
-    """Return the next message of a subscription and the information about it, or None.
+    """Return the next message of a subscription and its info; None if no message waits.
+
+    The message of a raw subscription is serialized, as bytes.
 
     Replaceable by: a `Subscription.take`.
     """

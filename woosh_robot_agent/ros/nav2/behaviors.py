@@ -29,7 +29,7 @@ _TURN_SPEED = 0.8
 
 
 def _limit_time(goal: Nav2Goal) -> None:
-    """End a goal at the end of its time_allowance."""
+    """End a goal at the end of its time_allowance; 0 or less is no limit."""
     seconds = to_seconds(goal.request.time_allowance)
     late = f"it has taken longer than its time_allowance of {seconds:g} s"
     goal.set_timeout(seconds, GoalEnd(late, "TIMEOUT"))

@@ -101,7 +101,9 @@ class CancelLog:
     async def source(self, since: float) -> str:
         """Return what has cancelled a task or an action since a loop time.
 
-        The report of a cancel may come before the answer to its request, so this waits a little.
+        If no cancel has passed through the agent since, it was the robot itself or another client.
+        The report of a cancel may come before the answer to its request, so this waits for
+        `_ANSWER_DELAY` at most.
         """
         clock = asyncio.get_running_loop().time
         until = clock() + _ANSWER_DELAY

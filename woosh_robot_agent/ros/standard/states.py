@@ -99,9 +99,10 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
 
 
 class _ValuePart(Part):
-    """Publishes one type of value of the chassis as a ROS message: the first value, and each push.
+    """Publishes one type of value of the chassis as a ROS message.
 
-    A value that the ROS message cannot hold is skipped and counted.
+    The values come from the first RobotInfo of each link, if it has such a part, and from pushes. A
+    value that the ROS message cannot hold is skipped and counted.
 
     Args:
         context: the objects that the parts share.
