@@ -316,7 +316,10 @@ class Tasks:
         self._scheduled.add(delay, announce)
 
     def _show_state(self, delay: float) -> None:
-        """Let the task give the robot its state after `delay` seconds, or at once if that is 0."""
+        """Let the task give the robot its state after `delay` seconds, or at once if that is 0.
+
+        A task that has ended by then no longer gives a state.
+        """
         task = self.proc.robot_task_id
 
         def show() -> None:

@@ -151,7 +151,7 @@ class WiFi:
             self.name, self.hotspot = ssid, False
 
     def reconnect(self, content: bytes) -> None:
-        """Connect to a known network.
+        """Connect to a known network; the robot is no longer a hotspot.
 
         Raises:
             RefusedError: `content` is not a JSON object with the `ssid` of a known network.

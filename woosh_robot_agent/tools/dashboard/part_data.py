@@ -224,7 +224,7 @@ def task_state(report: TaskProc) -> str:
 
 
 def points_data(points: Any, max_points: int = _MAX_POINTS) -> list[list[float]]:
-    """Return the finite ones of some points, as x and y in metres.
+    """Return the x and y of points, in metres. Points that are not finite are left out.
 
     If there are more than `max_points`, only every second, third etc. point is returned.
     """

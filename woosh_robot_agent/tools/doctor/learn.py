@@ -144,7 +144,7 @@ def _first_reports(seen: Observations) -> _Found:
 
 
 def _order_effects(seen: Observations) -> _Found:
-    """Yield the times from an order to the next report of a task."""
+    """Yield the distribution of the times from sending an ActionOrder to the next TaskProc."""
     reports = seen.pushed(TaskProc)
     effects = []
     for order in seen.accepted(pack.ActionOrder):
@@ -336,8 +336,10 @@ def _start_delays(seen: Observations) -> _Found:
 
 
 def _battery(seen: Observations) -> _Found:
+    """Yield the constants in the last Battery."""
     battery, count = seen.latest(Battery)
     if battery:
+        # a profile takes no negative values
         for name in ("health", "charge_cycle", "battery_cycle", "temp_max"):
             yield ("battery", name), Learned(max(0, getattr(battery, name)), count)
 

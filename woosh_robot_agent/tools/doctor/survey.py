@@ -138,7 +138,11 @@ class _Survey:
             await cancel_and_wait(reading, asking)
 
     async def _read(self) -> None:
-        """Add the frames of the robot, and hand each answer to the request that waits for it."""
+        """Add the frames of the robot, and hand each answer to the request that waits for it.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
         while True:
             try:
                 data = await self._transport.recv()
