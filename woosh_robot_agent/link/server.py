@@ -91,7 +91,10 @@ class Listener:
                 abort_transport(connection.transport)
 
     async def close(self) -> None:
-        """Stop listening, and end HTTP connections and WebSockets after at most a second."""
+        """Stop listening, and end HTTP connections and WebSockets, each within about a second.
+
+        Returns after three seconds at most. TCP connections are not ended.
+        """
         self._server.close()
         with contextlib.suppress(TimeoutError):
             if self._http:
@@ -277,7 +280,8 @@ class HttpConnection(asyncio.Protocol):
         """Note that the first request has arrived, or that the handshake is complete.
 
         Args:
-            max_message: largest message that is read from the WebSocket, in bytes.
+            max_message: largest message that is read from the WebSocket, in bytes; None for an HTTP
+                request.
         """
         self._open_timer.cancel()
         if max_message is not None:

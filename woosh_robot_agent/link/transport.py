@@ -270,6 +270,9 @@ async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
     """Connect to a chassis by TCP.
 
     Adds the stream writer to `made`, so that the caller can abort the connection.
+
+    Raises:
+        OSError: nothing answers at the address.
     """
     reader, writer = await asyncio.open_connection(config.ip, config.effective_port)
     made.append(writer)
@@ -455,7 +458,8 @@ async def open_transport(config: LinkConfig) -> Transport:
 
     Raises:
         OSError: nothing answers at the address, or not in time.
-        TransportClosedError: the other end does not speak this transport.
+        TransportClosedError: the other end does not speak WebSocket, or ended the connection during
+            the handshake; never over TCP, which has none.
     """
     made: list[Any] = []
     opener = open_websocket if config.transport == "websocket" else open_tcp

@@ -67,7 +67,7 @@ def take_message(subscription: Any) -> tuple[Any, Any] | None:
 
 
 def take_request(service: Any) -> tuple[Any, Any] | None:
-    """Return the next request of a service and its header, or None.
+    """Return the next request of a service and its header; None if no request waits.
 
     Replaceable by: a `Service.take`.
     """
@@ -79,7 +79,9 @@ def take_request(service: Any) -> tuple[Any, Any] | None:
 
 
 def take_response(client: Any, executor: Any) -> Callable[[], None] | None:
-    """Take the next response to a client; return a function that completes the call, or None.
+    """Take the next response to a client; return a function that completes the call.
+
+    None if no response waits, or the client no longer waits for it.
 
     Replaceable by: a `Client.take`, and futures with a public executor.
     """

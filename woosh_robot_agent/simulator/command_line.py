@@ -151,7 +151,7 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
     """Serve clients until a signal arrives.
 
     After the signal, clients are served until they have disconnected, for `_DISCONNECT_TIMEOUT` at
-    most. Another signal ends this, too.
+    most. Another signal ends this, too, unless it comes within `_REPEAT_TIME`.
 
     Args:
         config: options of the simulated chassis.

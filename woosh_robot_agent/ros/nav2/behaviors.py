@@ -44,7 +44,10 @@ class _Travelled:
         self._turned = 0.0
 
     def distance(self) -> float:
-        """Return the distance from the start, in metres."""
+        """Return the straight distance from the start, in metres.
+
+        It is 0 while the pose is unknown, and always if it was unknown at the start.
+        """
         pose, start = self._robot_pose.pose, self._start
         return 0.0 if pose is None or start is None else pose.seen_from(start).distance
 

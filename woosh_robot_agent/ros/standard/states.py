@@ -101,8 +101,9 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
 class _ValuePart(Part):
     """Publishes one type of value of the chassis as a ROS message.
 
-    The values come from the first RobotInfo of each link, if it has such a part, and from pushes. A
-    value that the ROS message cannot hold is skipped and counted.
+    On each new link, the value comes from the first RobotInfo, or from a request if RobotInfo has
+    no such part. Then each push is published. A value that the ROS message cannot hold is skipped
+    and counted.
 
     Args:
         context: the objects that the parts share.

@@ -303,7 +303,7 @@ class Tasks:
         if not self._profile.first_report:
             # The reports begin with the next tick, so that they follow the answer to the request.
             self._starting = starting
-            # Until then, queries are answered with this one.
+            # Until then, queries are answered with this report, which is not pushed yet.
             self.reported = self._new_report(states[0] if states else util_task_pb2.kInit)
             self._withheld = True
             return

@@ -158,7 +158,7 @@ _MAX_TASKS = 99
 """Maximum number of tasks of a set: a robot_task_id has two digits for the task in its set."""
 
 _MAX_BYTES = 64 * 1024
-"""Maximum size of a predefined task set, in bytes."""
+"""Maximum size of a request that contains a task set, in bytes."""
 
 
 @command(pack.ExecPreTask)

@@ -203,7 +203,7 @@ def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepO
     Raises:
         DataFileError: the file cannot be used.
     """
-    # As in `read_map_grid`: numpy, scipy and Pillow load slowly.
+    # As in `read_map_picture`: numpy, scipy and Pillow load slowly.
     from woosh_robot_agent.simulator.scenes.map_server import read_keepout
 
     path = f"{name}/{KEEPOUT}"

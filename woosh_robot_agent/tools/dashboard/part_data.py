@@ -206,7 +206,7 @@ def outline_data(info: RobotInfo) -> list[list[float]]:
 
 
 def path_data(view: RobotView) -> list[list[float]]:
-    """Return the points of the path that the robot follows, in metres; empty without one."""
+    """Return the points of the path that the robot follows, in the map; empty without a path."""
     nav_path = view.values.value(NavPath)
     return points_data(nav_path.path.poses if nav_path is not None and may_navigate(view) else [])
 
