@@ -343,8 +343,8 @@ class Robot:
     def _link_data(self) -> dict[str, Any]:
         """Return the state of the link.
 
-        `since` is the Unix time of the last change, in ms. `delay` is the round-trip time in ms,
-        None if it is unknown. `silence` is in seconds.
+        `since` is the Unix time at which the link last became ready or was lost, in ms. `delay` is
+        the round-trip time in ms, None if it is unknown. `silence` is in seconds.
         """
         chassis = self.chassis
         ready, error = chassis.state is LinkState.READY, chassis.last_error
