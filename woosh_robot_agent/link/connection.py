@@ -472,7 +472,7 @@ class Connection:
     # Sending
 
     def _check_in_flight(self, name: str) -> None:
-        """Raise TooManyRequestsError if `max_in_flight` requests, not urgent ones, are in flight."""
+        """Raise TooManyRequestsError if `max_in_flight` non-urgent requests are in flight."""
         in_flight = len(self._pending) - self._urgent_pending
         if in_flight >= self.config.max_in_flight:
             text = _TOO_MANY(name=name, count=in_flight)
