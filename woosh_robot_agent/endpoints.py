@@ -348,7 +348,16 @@ def _service_row(service: Query | Command) -> tuple[str, ...]:
 def _row(
     endpoint: Query | Command | Topic | Action, ros_type: str, folder: str, message: str
 ) -> tuple[str, ...]:
-    """Return an endpoint's cells; an asterisk marks one that the manufacturer's agent lacks."""
+    """Return an endpoint's cells: its name, its ROS type and the chassis message.
+
+    An asterisk after the name marks an endpoint that the manufacturer's agent lacks.
+
+    Args:
+        endpoint: the endpoint.
+        ros_type: package and name of the ROS type, e.g. `woosh_robot_msgs/RobotInfo`.
+        folder: folder of the type in its package: `msg`, `srv` or `action`.
+        message: protobuf full name of the chassis message.
+    """
     name = f"{endpoint.name}\\*" if endpoint.extra else endpoint.name
     return (name, ros_type.replace("/", f"/{folder}/"), message)
 

@@ -410,7 +410,10 @@ class Connection:
                     pending.future.set_exception(SupersededError(NOT_SENT(reason=reason)))
 
     def subscribe(self, topics: list[str], *, on: bool) -> None:
-        """Subscribe to or unsubscribe from pushes of these types. The chassis does not answer."""
+        """Subscribe to or unsubscribe from pushes of these types. The chassis does not answer.
+
+        Does nothing without types, or if the connection has ended.
+        """
         if topics and self._cause is None:
             data = self._codec.encode(SUBSCRIPTION_TYPE, Subscription(topics=topics, sub=on))
             self._subscribe_frames += 1
@@ -469,7 +472,7 @@ class Connection:
     # Sending
 
     def _check_in_flight(self, name: str) -> None:
-        """Raise TooManyRequestsError if `max_in_flight` requests are in flight."""
+        """Raise TooManyRequestsError if `max_in_flight` non-urgent requests are in flight."""
         in_flight = len(self._pending) - self._urgent_pending
         if in_flight >= self.config.max_in_flight:
             text = _TOO_MANY(name=name, count=in_flight)
@@ -478,6 +481,7 @@ class Connection:
             raise TooManyRequestsError(text)
 
     def _take_sn(self) -> int:
+        """Return the next serial number that no pending request has."""
         while True:
             sn = self._next_sn
             self._next_sn = sn % _MAX_SN + 1

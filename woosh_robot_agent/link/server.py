@@ -83,7 +83,7 @@ class Listener:
         self.port: int = server.sockets[0].getsockname()[1]
 
     def drop(self) -> None:
-        """Abort all HTTP connections, also idle ones."""
+        """Abort all HTTP connections, also idle ones; does nothing for TCP."""
         if self._http is None:
             return
         for connection in self._http.connections:
@@ -91,7 +91,10 @@ class Listener:
                 abort_transport(connection.transport)
 
     async def close(self) -> None:
-        """Stop listening, and end HTTP connections and WebSockets after at most a second."""
+        """Stop listening, and end HTTP connections and WebSockets, each within about a second.
+
+        Returns after three seconds at most. TCP connections are not ended.
+        """
         self._server.close()
         with contextlib.suppress(TimeoutError):
             if self._http:
@@ -137,7 +140,7 @@ class ConnectedClient:
 
     @property
     def unsent(self) -> int:
-        """Number of queued frames plus bytes in the transport's buffer.
+        """Number of queued frames plus bytes in the transport's buffer; compare it with 0 only.
 
         A frame that a `Write` is sending does not count.
         """
@@ -277,7 +280,8 @@ class HttpConnection(asyncio.Protocol):
         """Note that the first request has arrived, or that the handshake is complete.
 
         Args:
-            max_message: largest message that is read from the WebSocket, in bytes.
+            max_message: largest message that is read from the WebSocket, in bytes; None for an HTTP
+                request.
         """
         self._open_timer.cancel()
         if max_message is not None:

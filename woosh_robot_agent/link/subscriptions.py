@@ -90,7 +90,7 @@ class PushQueue:
             await self._not_empty.wait()
 
     def get(self) -> Deliver:
-        """Return the function that delivers the next push."""
+        """Remove the next push, and return the function that delivers it; there must be one."""
         name, deliver = self._queue.popleft()
         self._waiting[name] -= 1
         return deliver

@@ -85,7 +85,7 @@ class Transport(FrameConnection, Protocol):
 
     @property
     def progress_at(self) -> float:
-        """Loop time at which a part of an unfinished frame last arrived; 0 before the first."""
+        """Loop time at which `_PROGRESS` more bytes had last arrived; 0 before the first."""
 
     @property
     def received(self) -> int:
@@ -185,6 +185,7 @@ class TcpTransport:
         self.peer = peer_address(writer.transport)
         self.progress_at = 0.0
         self._bytes_since_progress = 0
+        """Number of bytes of the current frame that arrived after `progress_at`."""
         self.received = 0
         self.waited = False  # not known over TCP
 
@@ -269,6 +270,9 @@ async def open_tcp(config: LinkConfig, made: list[Any]) -> TcpTransport:
     """Connect to a chassis by TCP.
 
     Adds the stream writer to `made`, so that the caller can abort the connection.
+
+    Raises:
+        OSError: nothing answers at the address.
     """
     reader, writer = await asyncio.open_connection(config.ip, config.effective_port)
     made.append(writer)
@@ -360,7 +364,8 @@ async def open_websocket(config: LinkConfig, made: list[Any]) -> WebSocketTransp
 
     Raises:
         OSError: nothing answers at the address.
-        TransportClosedError: the other end does not speak WebSocket.
+        TransportClosedError: the other end does not speak WebSocket, or the connection ended
+            during the handshake.
     """
 
     def make(*args: Any, **options: Any) -> _ClientSocket:
@@ -394,8 +399,7 @@ class _ClientSocket(ClientSocket):
     frames.
 
     Attributes:
-        progress_at: loop time at which a part of an unfinished frame last arrived; 0 before the
-            first.
+        progress_at: loop time at which `_PROGRESS` more bytes had last arrived; 0 before the first.
         received: number of bytes received so far, including the bytes of an unfinished frame.
         take: function that gets small frames; None if `recv` returns all frames.
         reader_waits: True while `recv` waits.
@@ -408,6 +412,7 @@ class _ClientSocket(ClientSocket):
     reader_waits = False
     queued = 0
     _bytes_since_progress = 0
+    """Number of bytes received after `progress_at`."""
     _is_first = True
     """True while no message has begun in the bytes that arrived last."""
 
@@ -453,7 +458,8 @@ async def open_transport(config: LinkConfig) -> Transport:
 
     Raises:
         OSError: nothing answers at the address, or not in time.
-        TransportClosedError: the other end does not speak this transport.
+        TransportClosedError: the other end does not speak WebSocket, or ended the connection during
+            the handshake; never over TCP, which has none.
     """
     made: list[Any] = []
     opener = open_websocket if config.transport == "websocket" else open_tcp

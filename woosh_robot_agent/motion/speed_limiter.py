@@ -181,7 +181,7 @@ class SpeedLimiter:
             self._sent = _UNKNOWN
 
     def _send(self) -> None:
-        """Send the limit if the robot navigates and may not have it yet."""
+        """Send the limit if the robot navigates, may not have it yet and has not refused it."""
         if self._limit is None or self._limit == self._sent:  # nothing to limit, or sent already
             return
         if self.refusal or not self._navigation:

@@ -51,7 +51,10 @@ class LastKnown:
         self._merged: RobotInfo | None = None
         """RobotInfo with the newer parts; None after a change, until somebody asks for it."""
         self._unread: dict[str, Message | Body] = {}
-        """Values that have not been decoded yet, the last one of each type, the oldest first."""
+        """Values that `_apply` has not stored yet, the last one of each type, the oldest first.
+
+        They are decoded and stored when somebody asks for a value.
+        """
         if chassis is None:
             return
         chassis.on_snapshot(self.remember)

@@ -25,7 +25,7 @@ TABLE = Path(__file__).with_name("status_codes.json")
 def meaning(code: int) -> str:
     """Return the meaning of a status code, or an empty string if it is unknown.
 
-    It is a `Said` whose key is the code in the table.
+    A known meaning is a `Said` whose key is the code in the table.
 
     Real robots report some codes with another level digit than the table has. Such a code gets the
     meaning of the code in the table that differs only in the level. If the table has several such

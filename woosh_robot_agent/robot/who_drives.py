@@ -316,7 +316,11 @@ class WhoDrives:
         return Driver(OTHER_CLIENT, detail)
 
     def _is_own_id(self, number: int) -> bool:
-        """Return True if the robot generated this id: its start in Unix seconds * 100 + 53."""
+        """Return True if the robot has chosen the id of the current task itself.
+
+        Such an id is the start of the task in Unix seconds * 100 + 53. An id of a client may look
+        like that, but then the start seldom fits the time of the first report on the task.
+        """
         start, ending = divmod(number, 100)
         # a task that was running before the link was ready may be old
         oldest = OWN_TASK_DURATION if self._began_unseen else OWN_TASK_AGE

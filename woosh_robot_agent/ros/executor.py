@@ -191,7 +191,11 @@ class Executor:
         self.shutdown()
 
     def spin(self) -> None:
-        """Run callbacks until the executor or the context is shut down."""
+        """Run callbacks until the executor or the context is shut down.
+
+        Raises:
+            ExternalShutdownException: the context was shut down while this waited.
+        """
         while self._context.ok() and not self._is_shutdown:
             self.spin_once()
 
@@ -207,7 +211,14 @@ class Executor:
         self._spin_once(timeout_sec, lambda: False)
 
     def spin_until_future_complete(self, future: Any, timeout_sec: float | None = None) -> None:
-        """Run callbacks until a future is done, or for `timeout_sec` seconds."""
+        """Run callbacks until a future is done, or for `timeout_sec` seconds.
+
+        There is no limit if `timeout_sec` is None or negative. Returns also if the executor or the
+        context is shut down.
+
+        Raises:
+            ExternalShutdownException: the context was shut down while this waited.
+        """
         future.add_done_callback(lambda _: self._interrupt())
         deadline = _deadline(timeout_sec)
         while self._context.ok() and not (self._is_shutdown or _is_done(future)):
@@ -468,7 +479,7 @@ class _IdleThread:
                 self._thread = None
 
     def _wait(self) -> bool:
-        """Wait until entities are ready, and report them; return False at the end."""
+        """Wait until entities are ready, and report them; return False if the thread has to end."""
         with self._lock:
             if self._is_closed or not self._context.ok():
                 return False

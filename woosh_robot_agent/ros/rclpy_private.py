@@ -54,7 +54,9 @@ Replaceable by: a wait set exported by rclpy, or executors that look only at wha
 
 
 def take_message(subscription: Any) -> tuple[Any, Any] | None:
-    """Return the next message of a subscription and the information about it, or None.
+    """Return the next message of a subscription and its info; None if no message waits.
+
+    The message of a raw subscription is serialized, as bytes.
 
     Replaceable by: a `Subscription.take`.
     """
@@ -65,7 +67,7 @@ def take_message(subscription: Any) -> tuple[Any, Any] | None:
 
 
 def take_request(service: Any) -> tuple[Any, Any] | None:
-    """Return the next request of a service and its header, or None.
+    """Return the next request of a service and its header; None if no request waits.
 
     Replaceable by: a `Service.take`.
     """
@@ -77,7 +79,9 @@ def take_request(service: Any) -> tuple[Any, Any] | None:
 
 
 def take_response(client: Any, executor: Any) -> Callable[[], None] | None:
-    """Take the next response to a client; return a function that completes the call, or None.
+    """Take the next response to a client; return a function that completes the call.
+
+    None if no response waits, or the client no longer waits for it.
 
     Replaceable by: a `Client.take`, and futures with a public executor.
     """

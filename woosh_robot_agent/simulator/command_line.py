@@ -148,7 +148,16 @@ def _check(scene: Path, profile: str) -> int:
 
 
 async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: int | None) -> None:
-    """Serve clients until a signal arrives, and the page unless its port is None."""
+    """Serve clients until a signal arrives.
+
+    After the signal, clients are served until they have disconnected, for `_DISCONNECT_TIMEOUT` at
+    most. Another signal ends this, too, unless it comes within `_REPEAT_TIME`.
+
+    Args:
+        config: options of the simulated chassis.
+        signals: the signals.
+        dashboard_port: port of the page; None to serve no page.
+    """
     loop, stopping = asyncio.get_running_loop(), asyncio.Event()
 
     def on_signal() -> None:

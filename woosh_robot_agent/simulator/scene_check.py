@@ -41,7 +41,7 @@ def check_scene(path: Path, profile: Profile) -> list[str]:
 
 
 def _unreadable_files(folder: Path) -> Iterator[str]:
-    """Yield an error for each file in a robot's folder that is invalid or of an unnamed map."""
+    """Yield an error for each invalid file in a robot's folder, and each map not in its index."""
     files = read_robot_folder(folder)
     maps = robot_files.map_names(files[SCENE_INDEX])
     yield from _errors_of(lambda: read_action_groups(files.get(ACTION_GROUPS, b"")))
@@ -109,7 +109,7 @@ def _can_drive(area: Map, profile: Profile, here: Pose, there: Pose) -> bool:
 
 
 def _unusable_tasks(scene: Scene) -> Iterator[str]:
-    """Yield an error for each task type without actions, and for each task of an unknown mark."""
+    """Yield an error for each task type without actions, and each task whose mark is on no map."""
     for kind in task_pb2.Type.values():
         if kind and not scene.action_groups.numbers(kind):  # 0 is the undefined type
             yield f"{ACTION_GROUPS}: it has no actions for tasks of type {kind}"

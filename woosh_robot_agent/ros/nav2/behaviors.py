@@ -29,7 +29,7 @@ _TURN_SPEED = 0.8
 
 
 def _limit_time(goal: Nav2Goal) -> None:
-    """End a goal at the end of its time_allowance."""
+    """End a goal at the end of its time_allowance; 0 or less is no limit."""
     seconds = to_seconds(goal.request.time_allowance)
     late = f"it has taken longer than its time_allowance of {seconds:g} s"
     goal.set_timeout(seconds, GoalEnd(late, "TIMEOUT"))
@@ -44,7 +44,10 @@ class _Travelled:
         self._turned = 0.0
 
     def distance(self) -> float:
-        """Return the distance from the start, in metres."""
+        """Return the straight distance from the start, in metres.
+
+        It is 0 while the pose is unknown, and always if it was unknown at the start.
+        """
         pose, start = self._robot_pose.pose, self._start
         return 0.0 if pose is None or start is None else pose.seen_from(start).distance
 

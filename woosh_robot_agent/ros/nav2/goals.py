@@ -101,7 +101,9 @@ class CancelLog:
     async def source(self, since: float) -> str:
         """Return what has cancelled a task or an action since a loop time.
 
-        The report of a cancel may come before the answer to its request, so this waits a little.
+        If no cancel has passed through the agent since, it was the robot itself or another client.
+        The report of a cancel may come before the answer to its request, so this waits for
+        `_ANSWER_DELAY` at most.
         """
         clock = asyncio.get_running_loop().time
         until = clock() + _ANSWER_DELAY
@@ -159,7 +161,7 @@ class Nav2Goal:
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
         started: loop time at which the goal was accepted.
-        is_cancelled: True once `stop` has cancelled the chassis's goal, or would have.
+        is_cancelled: True once `stop` was called, even if there was no chassis's goal to cancel.
     """
 
     def __init__(self, goal: Goal, nav2_action: Nav2Action) -> None:
@@ -206,7 +208,10 @@ class Nav2Goal:
         self._goal.feedback(self._feedback_class(**fields))
 
     def send_no_more(self, reason: GoalEnd) -> None:
-        """End the goal for a reason, unless it is already ending; let the chassis's goal end."""
+        """End the goal for a reason, unless it is already ending. Do not cancel the chassis's goal.
+
+        If the chassis executes a goal for this one, this one ends when that has ended.
+        """
         if not self.is_ending:
             self._reason.set_result(reason)
 

@@ -141,7 +141,7 @@ class Progress:
         return pose is not None and math.hypot(stop.x - pose.x, stop.y - pose.y) < _NEAR
 
     def _distance_along_path(self, pose: Pose2D) -> float | None:
-        """Return the length of the rest of the path; None without a path to the goal."""
+        """Return the length of the rest of the path, in metres; None without a path to the goal."""
         path = self._last_known.value(NavPath)
         here = numpy.array((pose.x, pose.y))
         if path is not self._path:

@@ -55,7 +55,7 @@ class Status:
     default: str = "OK"
 
     def add(self, level: bytes, text: str) -> None:
-        """Add a message, and raise the level to its level."""
+        """Add a message; the status keeps its own level if `level` is lower."""
         if level > self.level:
             self.level = level
         self.texts.append(text)

@@ -99,9 +99,11 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
 
 
 class _ValuePart(Part):
-    """Publishes one type of value of the chassis as a ROS message: the first value, and each push.
+    """Publishes one type of value of the chassis as a ROS message.
 
-    A value that the ROS message cannot hold is skipped and counted.
+    On each new link, the value comes from the first RobotInfo, or from a request if RobotInfo has
+    no such part. Then each push is published. A value that the ROS message cannot hold is skipped
+    and counted.
 
     Args:
         context: the objects that the parts share.

@@ -303,7 +303,7 @@ class Tasks:
         if not self._profile.first_report:
             # The reports begin with the next tick, so that they follow the answer to the request.
             self._starting = starting
-            # Until then, queries are answered with this one.
+            # Until then, queries are answered with this report, which is not pushed yet.
             self.reported = self._new_report(states[0] if states else util_task_pb2.kInit)
             self._withheld = True
             return
@@ -316,7 +316,10 @@ class Tasks:
         self._scheduled.add(delay, announce)
 
     def _show_state(self, delay: float) -> None:
-        """Let the task give the robot its state after `delay` seconds, or at once if that is 0."""
+        """Let the task give the robot its state after `delay` seconds, or at once if that is 0.
+
+        A task that has ended by then no longer gives a state.
+        """
         task = self.proc.robot_task_id
 
         def show() -> None:

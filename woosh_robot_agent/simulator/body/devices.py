@@ -151,7 +151,7 @@ class WiFi:
             self.name, self.hotspot = ssid, False
 
     def reconnect(self, content: bytes) -> None:
-        """Connect to a known network.
+        """Connect to a known network; the robot is no longer a hotspot.
 
         Raises:
             RefusedError: `content` is not a JSON object with the `ssid` of a known network.
@@ -197,8 +197,8 @@ class Readiness:
             switches the motors off.
         key_accepts: True if requests are accepted although the key switch is at manual.
         work: work mode.
-        initialised: True if the robot is initialised. A mapping ends that, and InitRobot while it
-            is executed.
+        initialised: True if the robot is initialised. False after a mapping until InitRobot, and
+            while InitRobot is executed.
         located: True if the robot knows its pose.
         emergency_stop: True if the emergency stop button is pressed.
         battery_empty: True if the battery is empty.

@@ -133,8 +133,9 @@ def _number(value: float) -> str:
 
 
 def _article(text: str) -> str:
-    """Return a description such as "integer" with its article; a list of choices has none."""
-    if " or " in text or not isinstance(text, Said):  # a single choice is no `Said`
+    """Return a description such as "integer" with its article; choices get none."""
+    # `joined` returns a single choice as it is, i.e. as a plain str
+    if " or " in text or not isinstance(text, Said):
         return text
     article = "an" if text[0] in "aeiou" else "a"
     return Said(f"{article} {text}", text.key, text.values)

@@ -158,7 +158,7 @@ _MAX_TASKS = 99
 """Maximum number of tasks of a set: a robot_task_id has two digits for the task in its set."""
 
 _MAX_BYTES = 64 * 1024
-"""Maximum size of a predefined task set, in bytes."""
+"""Maximum size of a request that contains a task set, in bytes."""
 
 
 @command(pack.ExecPreTask)
@@ -200,7 +200,10 @@ def _add_task(chassis: Chassis, request: AddTask) -> None:
 
 
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
-    """Add a predefined task set, or replace the one with the same id; return the stored set."""
+    """Add a predefined task set, or replace the one with the same id; return the stored set.
+
+    A set with the id 0 is added with an unused id.
+    """
     sets = {each.task_set.base.id: each for each in chassis.scene.predefined.repeat_tasks}
     kept = copy_of(request)
     kept.ClearField("order")
@@ -321,7 +324,10 @@ def _checked_times(times: int) -> int:
 
 
 def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
-    """Start a task set and run it `times` times, but from 1 to `_MAX_REPEATS`."""
+    """Start a task set, to be run `times` times.
+
+    Less than 1 counts as 1, more than `_MAX_REPEATS` as `_MAX_REPEATS`.
+    """
     set_id = task_set.base.id
     if not task_set.tasks:  # only the sets in uploaded files may have none
         raise RefusedError(f"task set {set_id} has no tasks: put it with at least one")

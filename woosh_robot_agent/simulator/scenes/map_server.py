@@ -86,13 +86,14 @@ def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
     Args:
         name: path of the picture, for errors.
         data: the picture, in which keep-out areas are dark, as in the masks of nav2.
-        grid: the grid.
+        grid: the grid of the map, with one cell for each pixel of the picture.
 
     Raises:
         DataFileError: the picture cannot be read, or has another size than the grid.
     """
     # The picture has no YAML file, so the thresholds are the defaults of map_server.
     description = _Description(name, grid.resolution, _Origin(*grid.low, 0.0))
+    # The first row of a picture has the greatest y, that of a grid the smallest.
     cells = _cells(*read_pixels(name, data), description)[::-1]
     if cells.shape != grid.cells.shape:
         height, width = grid.cells.shape

@@ -89,7 +89,14 @@ def check_map_name(name: str) -> None:
 
 @dataclass(frozen=True)
 class _MapEntry:
-    """A map in the index of a scene; `source` is the place of the entry, for errors."""
+    """A map in the index of a scene.
+
+    Attributes:
+        id: id of the map.
+        name: name of the map and of its folder.
+        end_pose: last pose of the robot on the map; None if the index gives none.
+        source: place of the entry in the index, for errors; not a key of the file.
+    """
 
     id: Annotated[int, Between(0, 2**32 - 1)]
     name: Annotated[str, check_map_name]
@@ -196,7 +203,7 @@ def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepO
     Raises:
         DataFileError: the file cannot be used.
     """
-    # As in `read_map_grid`: numpy, scipy and Pillow load slowly.
+    # As in `read_map_picture`: numpy, scipy and Pillow load slowly.
     from woosh_robot_agent.simulator.scenes.map_server import read_keepout
 
     path = f"{name}/{KEEPOUT}"
@@ -313,7 +320,11 @@ def read_mark_info(name: str, files: Mapping[str, bytes]) -> mark_pb2.MarkInfo:
 
 
 def _read_message(path: str, files: Mapping[str, bytes], cls: type[_M]) -> _M:
-    """Read a serialised message; the message is empty if the file is empty or missing."""
+    """Read a serialised message; the message is empty if the file is empty or missing.
+
+    Raises:
+        DataFileError: the file is not a message of this class.
+    """
     try:
         return cls.FromString(files.get(path, b""))
     except DecodeError as error:

@@ -129,8 +129,8 @@ class HttpCalls:
     Args:
         handler: executes the requests.
         config: the options; the limits are among them.
-        wait_readable: waits while nothing is read.
-        writable: set while something may be sent.
+        wait_readable: waits while the connections are paused.
+        writable: set while frames are sent, i.e. neither paused nor frozen.
     """
 
     def __init__(

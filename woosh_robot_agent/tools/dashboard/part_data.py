@@ -206,7 +206,7 @@ def outline_data(info: RobotInfo) -> list[list[float]]:
 
 
 def path_data(view: RobotView) -> list[list[float]]:
-    """Return the points of the path that the robot follows, in metres; empty without one."""
+    """Return the points of the path that the robot follows, in the map; empty without a path."""
     nav_path = view.values.value(NavPath)
     return points_data(nav_path.path.poses if nav_path is not None and may_navigate(view) else [])
 
@@ -224,7 +224,7 @@ def task_state(report: TaskProc) -> str:
 
 
 def points_data(points: Any, max_points: int = _MAX_POINTS) -> list[list[float]]:
-    """Return the finite ones of some points, as x and y in metres.
+    """Return the x and y of points, in metres. Points that are not finite are left out.
 
     If there are more than `max_points`, only every second, third etc. point is returned.
     """

@@ -341,6 +341,11 @@ class Robot:
         return part_data.path_data(self.view) if self._path_origin == self._origin else []
 
     def _link_data(self) -> dict[str, Any]:
+        """Return the state of the link.
+
+        `since` is the Unix time at which the link last became ready or was lost, in ms. `delay` is
+        the round-trip time in ms, None if it is unknown. `silence` is in seconds.
+        """
         chassis = self.chassis
         ready, error = chassis.state is LinkState.READY, chassis.last_error
         round_trip = chassis.stats.round_trip

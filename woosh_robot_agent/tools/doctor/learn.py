@@ -144,7 +144,7 @@ def _first_reports(seen: Observations) -> _Found:
 
 
 def _order_effects(seen: Observations) -> _Found:
-    """Yield the times from an order to the next report of a task."""
+    """Yield the distribution of the times from sending an ActionOrder to the next TaskProc."""
     reports = seen.pushed(TaskProc)
     effects = []
     for order in seen.accepted(pack.ActionOrder):
@@ -157,7 +157,7 @@ def _order_effects(seen: Observations) -> _Found:
 
 
 def _empty_reports(seen: Observations) -> _Found:
-    """Yield the times from the last report of a task to the following empty report."""
+    """Yield the shortest and longest time from the last report of a task to the empty report."""
     empty = [
         later - t
         for (t, proc), (later, after) in pairwise(seen.pushed(TaskProc))
@@ -319,7 +319,7 @@ def _speeds(seen: Observations) -> _Found:
 
 
 def _start_delays(seen: Observations) -> _Found:
-    """Yield the time from the first velocity, while the robot stands, to its first motion."""
+    """Yield the median time from the first velocity to a standing robot to its first motion."""
     poses = seen.pushed(PoseSpeed)
     start_delays, last_sent_at = [], -math.inf
     for velocity in seen.accepted(pack.Twist):
@@ -336,8 +336,10 @@ def _start_delays(seen: Observations) -> _Found:
 
 
 def _battery(seen: Observations) -> _Found:
+    """Yield the constants in the last Battery."""
     battery, count = seen.latest(Battery)
     if battery:
+        # a profile takes no negative values
         for name in ("health", "charge_cycle", "battery_cycle", "temp_max"):
             yield ("battery", name), Learned(max(0, getattr(battery, name)), count)
 
@@ -374,7 +376,7 @@ def _codes(body: Any) -> Sequence[StatusCode]:
 
 
 def _gaps(timestamps: Sequence[float], ignore_above: float = math.inf) -> list[float]:
-    """Return the times between two timestamps, in seconds."""
+    """Return the times between two timestamps, in seconds, without those over `ignore_above`."""
     gaps = [after - before for before, after in pairwise(timestamps)]
     return [each for each in gaps if each <= ignore_above]  # longer gaps are pauses
 

@@ -336,7 +336,10 @@ def _names(message: Any) -> Iterator[str]:
 
 
 def _texts_in_json(data: bytes) -> Iterator[str]:
-    """Yield the texts in JSON of moderate size, except single characters; none in other bytes."""
+    """Yield the texts in a JSON object or array, except single characters.
+
+    Yields none if `data` is something else, or larger than `_LARGE`.
+    """
     if data[:1] not in (b"{", b"[") or len(data) > _LARGE:
         return
     try:

@@ -125,7 +125,11 @@ class _Survey:
             await asyncio.sleep(_RETRY)
 
     async def _observe(self) -> None:
-        """Send queries and read frames until the connection is lost."""
+        """Send queries and read frames until the connection is lost.
+
+        Raises:
+            TransportClosedError: the connection is lost.
+        """
         reading = asyncio.ensure_future(self._read())
         asking = asyncio.ensure_future(self._ask_all())
         try:
@@ -138,7 +142,11 @@ class _Survey:
             await cancel_and_wait(reading, asking)
 
     async def _read(self) -> None:
-        """Add the frames of the robot, and hand each answer to the request that waits for it."""
+        """Add the frames of the robot, and hand each answer to the request that waits for it.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
         while True:
             try:
                 data = await self._transport.recv()
@@ -153,7 +161,11 @@ class _Survey:
                 waiting.set_result(answer)
 
     async def _ask_all(self) -> None:
-        """Subscribe to everything, then send the queries in rounds until cancelled."""
+        """Subscribe to everything, then send the queries in rounds until cancelled.
+
+        Raises:
+            TransportClosedError: the connection is lost, or the robot does not answer a ping.
+        """
         subscription = Subscription(sub=True, topics=_SUBSCRIBED)
         await self._send(SUBSCRIPTION_TYPE, subscription, 0)
         while True:
