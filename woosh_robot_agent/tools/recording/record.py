@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -224,16 +225,19 @@ class PassiveClient:
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
     stop, loop = stop_event(), asyncio.get_running_loop()
 
-    def on_early_end(reason: str) -> None:
+    def on_early_end(what: str, reason: str) -> None:
         # An agent that is connected through the proxy needs it even without a recording.
-        more = "; the proxy keeps running" if options.listen else ""
-        print(f"error: the recording has ended: {reason}{more}", file=sys.stderr, flush=True)
+        more = "; the proxy keeps running" if options.listen and not stop.is_set() else ""
+        # not by `print`, which fails if stderr is a file on the full disk
+        _LOG.error("error: the recording of %s has ended: %s%s", what, reason, more)
         if not options.listen:
             loop.call_soon_threadsafe(stop.set)
 
     limits = Limits(options.max_size, options.split_size, options.split_duration)
     try:
-        writer = RecordingWriter(options.output, config.address, limits, on_early_end)
+        writer = RecordingWriter(
+            options.output, config.address, limits, partial(on_early_end, "frames")
+        )
     except OSError as error:
         raise RecordingError(_cannot_create(error)) from None
     read_period = READ_PERIOD if options.listen else _OWN_READ_PERIOD
@@ -246,7 +250,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             port = await _listen(proxy, host, port)
             stack.push_async_callback(proxy.stop)
             if options.ros:
-                ros_recorder = _start_ros(options, limits, on_early_end)
+                ros_recorder = _start_ros(options, limits, partial(on_early_end, "ROS messages"))
                 stack.callback(ros_recorder.close)
         except RecordingError:
             writer.discard()  # an empty file would block the next attempt
@@ -263,6 +267,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             stack.push_async_callback(client.close)
             client.start()
         await asyncio.wait({asyncio.ensure_future(stop.wait())}, timeout=options.duration)
+        stop.set()
     failed = _report_frames(writer, config, options)
     if ros_recorder is not None:
         failed |= _report_ros(ros_recorder, options.ros)
