@@ -431,6 +431,7 @@ def test_replay_without_a_recording_fails(tmp_path, capsys):
         ("record", ["--ip", "x", "--listen", "x:70000"]),
         ("record", ["--ip", "x", "--max-size", "0"]),
         ("record", ["--ip", "x", "--max-size", "nan"]),
+        ("record", ["--ip", "x", "--max-size", "1e305"]),
         ("record", ["--ip", "x", "--max-size", "1 GiB"]),
         ("record", ["--ip", "x", "--duration", "1h"]),
         ("record", ["--ip", "x", "--duration", "inf"]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+import math
 import sys
 import time
 from collections import Counter
@@ -146,10 +147,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 def _mebibytes(text: str) -> int:
     """Parse a number of MiB; return the number of bytes."""
-    size = int(above_zero(text) * MIB)
-    if not size:
+    size = above_zero(text) * MIB
+    if not 1 <= size < math.inf:
         raise argparse.ArgumentTypeError(f"must be at least one byte, in MiB: {text}")
-    return size
+    return int(size)
 
 
 class PassiveClient:
