@@ -322,8 +322,7 @@ def _start_delays(seen: Observations) -> _Found:
         sent_at = velocity.t - velocity.delay
         is_after_pause = sent_at - last_sent_at > _MAX_START
         last_sent_at = sent_at
-        was_moving = any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses)
-        if is_after_pause and not was_moving:
+        if is_after_pause and not any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses):
             delay = next((t - sent_at for t, _ in poses if t > sent_at), math.inf)
             if delay <= _MAX_START:
                 start_delays.append(delay)
