@@ -484,7 +484,7 @@ def test_check_of_other_scenes(tmp_path: Path, capsys: Any) -> None:
         capsys.readouterr().out,
     )
     assert main(["--check", str(tmp_path / "none")]) == 1
-    assert "not a scene" in capsys.readouterr().out
+    assert capsys.readouterr().out == f"{tmp_path / 'none'}: No such file or directory\n"
 
 
 def test_scans_of_a_running_robot_start_at_its_laser() -> None:
