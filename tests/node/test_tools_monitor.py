@@ -256,6 +256,7 @@ def run_once(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:
     "arguments",
     [
         ["--namespace", NAMESPACE],
+        ["--namespace", f"{NAMESPACE}/"],
         ["--namespace", "/else", "--ros-args", "-r", f"__ns:={NAMESPACE}"],
     ],
 )

@@ -325,6 +325,7 @@ def test_record_that_cannot_start_leaves_no_file(chassis, tmp_path, option):
     status, _, err = run("record", *address(chassis), *output, option, value)
     assert status == 1
     assert {"--ros": "error: --ros", "--listen": "error: cannot listen on"}[option] in err
+    assert "\\n" not in err
     assert not list(tmp_path.iterdir())
 
 

@@ -301,7 +301,7 @@ def _start_ros(
     except OSError as error:
         raise RecordingError(_cannot_create(error)) from None
     except Exception as error:  # rclpy raises many types for invalid names and arguments
-        raise RecordingError(f"--ros {options.ros}: {error}") from None
+        raise RecordingError(f"--ros {options.ros}: {' '.join(str(error).split())}") from None
 
 
 def _report_frames(
