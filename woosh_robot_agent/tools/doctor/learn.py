@@ -28,6 +28,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     General,
     Model,
     PoseSpeed,
+    ScannerData,
     TaskProc,
 )
 from woosh_robot_agent.pb.util import task_pb2
@@ -277,9 +278,9 @@ def _scan_period(seen: Observations) -> Learned | None:
 
 
 def _laser(seen: Observations) -> _Found:
-    if not seen.scans:
+    scan, count = seen.latest(ScannerData)
+    if scan is None:
         return
-    scan, count = seen.scans[-1].settings, len(seen.scans)
     values: dict[str, float] = {}
     if scan.angle_increment > 0.0 and scan.angle_max > scan.angle_min:
         values["angle_min"], values["angle_max"] = scan.angle_min, scan.angle_max
