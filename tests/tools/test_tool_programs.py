@@ -32,7 +32,7 @@ from woosh_robot_agent.tools import __main__ as tools
 from woosh_robot_agent.tools.doctor import program as doctor
 from woosh_robot_agent.tools.maps import program as maps
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
-from woosh_robot_agent.tools.recording import replay
+from woosh_robot_agent.tools.recording import record, replay
 from woosh_robot_agent.tools.recording.layout import Event
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.timeline import prepare
@@ -371,6 +371,11 @@ def test_record_ends_at_its_limit_although_stderr_is_on_a_full_disk(
     ):
         status, _, _ = end(process, None)
     assert status == 1
+
+
+def test_record_writes_the_address_of_its_proxy_with_brackets(capsys: Any) -> None:
+    record._print_instructions(LinkConfig(), "::1", 5480, Path("a.mcap"))
+    assert "connect the agent to [::1]:5480, e.g." in capsys.readouterr().out
 
 
 def test_record_warns_if_other_machines_can_connect(chassis, tmp_path):

@@ -25,7 +25,7 @@ from woosh_robot_agent.link import (
     LinkError,
     LinkState,
 )
-from woosh_robot_agent.link.config import MIB
+from woosh_robot_agent.link.config import MIB, url_host
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reports import log_to_stderr, printable
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -366,7 +366,8 @@ def _print_instructions(config: LinkConfig, host: str, port: int, path: Path) ->
             parameters[name] = getattr(config, name)
     arguments = " ".join(f"-p {name}:={value}" for name, value in parameters.items())
     print(
-        f"recording {config.address} to {path}; connect the agent to {host}:{port}, e.g. with\n"
+        f"recording {config.address} to {path}; connect the agent to {url_host(host)}:{port}, "
+        "e.g. with\n"
         f"  ros2 run woosh_robot_agent agent --ros-args -r __ns:={NAMESPACE} {arguments}",
         flush=True,
     )
