@@ -132,8 +132,8 @@ def test_rays_through_the_gate_are_infinite(chassis: Chassis) -> None:
 
 
 def test_no_range_with_noise_exceeds_the_maximum() -> None:
-    laser = Laser(forward=0.0, angle_min=-0.1, angle_max=0.1, range_max=2.0)
-    ranges = laser.scan(Pose(), [Wall(1.98, -1.0, 1.98, 1.0)], random.Random(1))
+    laser = Laser(forward=0.0, angle_min=-0.05, angle_max=0.05, range_max=2.0)
+    ranges = laser.scan(Pose(), [Wall(1.995, -1.0, 1.995, 1.0)], random.Random(1))
     assert max(ranges) == laser.range_max
 
 
