@@ -155,6 +155,14 @@ def test_the_link_of_an_agent_that_started_earlier_is_shown(domain, agent):
         watching.wait_link(lambda link: "is connected to" in link.text)
 
 
+def test_an_internal_error_is_not_blamed_on_the_agent(watching, agent, simulator, monkeypatch):
+    watching.wait_complete()
+    monkeypatch.setattr(watching.source, "_loop", None)  # which the next message needs
+    simulator.push(Mode(ctrl=robot.kManual))
+    link = watching.wait_link(lambda link: not link.good)
+    assert link.text.startswith("the monitor receives nothing more: internal error: Attribute")
+
+
 def test_messages_with_invalid_values_are_skipped(watching, agent, simulator):
     watching.wait_complete()
     simulator.push(PoseSpeed(pose=Pose2D(x=math.nan)))
@@ -248,6 +256,7 @@ def run_once(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:
     "arguments",
     [
         ["--namespace", NAMESPACE],
+        ["--namespace", f"{NAMESPACE}/"],
         ["--namespace", "/else", "--ros-args", "-r", f"__ns:={NAMESPACE}"],
     ],
 )

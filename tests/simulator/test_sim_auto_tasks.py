@@ -154,6 +154,15 @@ def test_client_motion_or_cancel_ends_an_automatic_task(
     assert end["msg"].startswith(("replaced by", "stopped by", "cancelled"))
 
 
+def test_zero_twist_says_that_it_has_cancelled_an_automatic_task(
+    simulator: SimulatorThread, client: JsonClient
+) -> None:
+    set_battery(simulator)
+    task = next_started_task(client)["robotTaskId"]
+    answer = client.request("woosh.robot.Twist")
+    assert (answer["ok"], answer["msg"]) == (True, f"stopped: task {task} is cancelled")
+
+
 def test_emergency_stop_cancels_an_automatic_task(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:

@@ -36,6 +36,10 @@ def inside(pose: Pose, x: float, y: float, margin: float = 0.0) -> bool:
     )
 
 
+def test_an_outline_may_end_with_its_first_corner() -> None:
+    assert hull((*ORIGINAL, ORIGINAL[0])).sides == hull(ORIGINAL).sides
+
+
 def test_gap_matches_a_brute_force_search() -> None:
     """Compare with the smallest gap of many points along the wall."""
     rng = random.Random(5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import random
 from itertools import pairwise
 from typing import Any
 
@@ -12,7 +13,8 @@ import pytest
 from tests.quick_chassis import execute, quick_config
 from woosh_robot_agent.simulator.body.base import ACCELERATION, STANDSTILL, Base, Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.world.geometry import Pose, wrap
+from woosh_robot_agent.simulator.world.geometry import Pose, Wall, wrap
+from woosh_robot_agent.simulator.world.laser import Laser
 
 STEPS_PER_S = round(1 / TIME_STEP)
 
@@ -127,6 +129,12 @@ def _hit(origin: Pose, angle: float, wall: Any) -> float | None:
 def test_rays_through_the_gate_are_infinite(chassis: Chassis) -> None:
     chassis.base.place(Pose(9.0, 0.0, 0.0))
     assert math.inf in chassis.scan()
+
+
+def test_no_range_with_noise_exceeds_the_maximum() -> None:
+    laser = Laser(forward=0.0, angle_min=-0.05, angle_max=0.05, range_max=2.0)
+    ranges = laser.scan(Pose(), [Wall(1.995, -1.0, 1.995, 1.0)], random.Random(1))
+    assert max(ranges) == laser.range_max
 
 
 def test_laser_noise_depends_only_on_the_seed() -> None:

@@ -88,6 +88,7 @@ def test_sizes_of_the_robot_are_those_of_the_profile(tmp_path: Path, data: Any) 
         ("mapping", "picture_period", 0.0, "must be a number of at least 0.001"),
         ("driving", "max_speed", 1e9, "must be a number from 0.01 to 10.0"),
         ("driving", "max_turn_rate", 1e9, "must be a number from 0.01 to 20.0"),
+        ("charging", "docking_speed", 0.0, "must be a number of at least 0.001"),
         ("rates", "pose_speed", None, "is missing"),
         ("model", "outline", [[0.0, 1.0], [1.0, 0.0]], "has 2 entries, which is less than 3"),
         ("model", "outline", [[0.0], [1.0], [2.0]], "must be [x, y]"),

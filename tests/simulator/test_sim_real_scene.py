@@ -418,6 +418,19 @@ Image.new("L", (10, 10), 216).save(SMALL_PICTURE, "PNG")
             ],
         ),
         (
+            [
+                write(
+                    "action_groups.json",
+                    b'{"task_type": [{"type": 1, "no": 0, '
+                    b'"order": [{"action": 6, "wait_id": 3000000000}]}]}',
+                )
+            ],
+            [
+                "action_groups.json: task_type[0].order[0].wait_id: must be a whole number from 0 "
+                "to 2147483647"
+            ],
+        ),
+        (
             [write(f"{MAP}/keepout.png", SMALL_PICTURE.getvalue())],
             [f"{MAP}/keepout.png: 10 x 10 pixels, but the map has 610 x 487: save it in the"],
         ),
@@ -471,7 +484,7 @@ def test_check_of_other_scenes(tmp_path: Path, capsys: Any) -> None:
         capsys.readouterr().out,
     )
     assert main(["--check", str(tmp_path / "none")]) == 1
-    assert "not a scene" in capsys.readouterr().out
+    assert capsys.readouterr().out == f"{tmp_path / 'none'}: No such file or directory\n"
 
 
 def test_scans_of_a_running_robot_start_at_its_laser() -> None:

@@ -191,8 +191,18 @@ def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFi
     assert out == f"{unreadable}: File name too long\n"
     first, second, third = err.splitlines()
     assert third == f"error: {unreadable}: File name too long"
-    assert first.startswith(f"error: {tmp_path}")
+    assert first == f"error: {tmp_path / 'none'}: No such file or directory"
     assert "not a scene: give a folder with scene.json or scene.yaml" in second
+
+
+def test_an_error_names_the_scene_that_has_it(tmp_path: Path) -> None:
+    good, bad = tmp_path / "good", tmp_path / "bad"
+    for folder, content in ((good, SCENE), (bad, SCENE.replace("number: A1", "number: 1"))):
+        folder.mkdir()
+        write_scene(folder, content)
+    with pytest.raises(DataFileError) as found:
+        Chassis(quick_config(scenes=(good, bad)))
+    assert str(found.value).startswith(f"{bad}: scene.yaml: maps[")
 
 
 def test_map_that_is_named_alone_is_that_of_the_only_scene_with_it(client: JsonClient) -> None:

@@ -165,6 +165,12 @@ def test_status_codes_are_shown_newest_first_without_duplicates():
     assert [int(n) for n in re.findall(r"no\. (\d+)", text)] == list(range(79, 71, -1))
 
 
+def test_status_codes_after_a_jump_of_the_clock_are_the_newest():
+    codes = [StatusCode(code=n, time=10_000 + n) for n in range(50)]
+    view = seen(RobotInfo(status_codes=StatusCodes(scs=codes)), StatusCode(code=77, time=5))
+    assert [code.code for code in view.codes] == [*range(1, 50), 77]
+
+
 def test_an_outdated_view_is_marked():
     view = seen(RobotState(state=robot.kIdle))
     assert "OUTDATED" not in shown(view)

@@ -505,6 +505,21 @@ def test_query_that_ends_the_connection_is_asked_twice(tmp_path):
     assert found["lost_connections"] == 2
 
 
+def test_field_whose_name_is_no_utf_8_is_reported(tmp_path):
+    def with_field(codec: object, data: str | bytes) -> str:
+        frame = json.loads(data)
+        frame["body"]["\ud800"] = 1
+        return json.dumps(frame)
+
+    async def add(simulator: SimulatedChassis) -> None:
+        simulator.intercept(
+            lambda out: [replace(out, damage=with_field) if out.request == MODE else out]
+        )
+
+    found = survey_while(add, tmp_path / "survey", 0.1)
+    assert [each["field"] for each in found["unknown_fields"]] == ["\ud800"]
+
+
 def test_robot_that_ends_each_connection_is_not_flooded(tmp_path):
     async def refuse(simulator: SimulatedChassis) -> None:
         await simulator.wait_received(MODE)

@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import re
+import resource
 import shlex
 import signal
 import socket
@@ -31,13 +32,14 @@ from woosh_robot_agent.tools import __main__ as tools
 from woosh_robot_agent.tools.doctor import program as doctor
 from woosh_robot_agent.tools.maps import program as maps
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
-from woosh_robot_agent.tools.recording import replay
+from woosh_robot_agent.tools.recording import record, replay
 from woosh_robot_agent.tools.recording.layout import Event
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.timeline import prepare
 from woosh_robot_agent.vda5050 import __main__ as vda5050
 
 ROOT = Path(__file__).parents[2]
+LISTEN = ["--listen", "127.0.0.1:0"]
 TOOLS = ("dashboard", "monitor", "doctor", "record", "replay", "maps")
 
 
@@ -323,12 +325,13 @@ def test_record_that_cannot_start_leaves_no_file(chassis, tmp_path, option):
     status, _, err = run("record", *address(chassis), *output, option, value)
     assert status == 1
     assert {"--ros": "error: --ros", "--listen": "error: cannot listen on"}[option] in err
+    assert "\\n" not in err
     assert not list(tmp_path.iterdir())
 
 
 def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    there = ["--listen", "127.0.0.1:0", "--output", str(path), "--max-size", "0.04"]
+    there = [*LISTEN, "--output", str(path), "--max-size", "0.04"]
     with start("record", *address(chassis), *there) as process:
         port = re.search(r"agent to 127\.0\.0\.1:(\d+)", process.stdout.readline())
         assert port
@@ -338,10 +341,41 @@ def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Pa
         status, _, err = end(process, signal.SIGTERM)
     assert status == 1
     assert "size limit" in err
+    assert "the recording of frames has ended" in err
     assert "the proxy keeps running" in err
     assert re.search(r"error: frames that passed but are not recorded: \d+", err)
     assert path.stat().st_size <= 0.04 * 2**20
     assert read_recording(path).damage == ""
+
+
+def test_a_recording_that_cannot_be_completed_does_not_say_that_the_proxy_runs(
+    chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.mcap"
+    with start("record", *address(chassis), *LISTEN, "--output", str(path)) as process:
+        assert "connect the agent to" in process.stdout.readline()
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (0, 0))  # as with a full disk
+        status, _, err = end(process, signal.SIGTERM)
+    assert status == 1
+    assert f"error: the recording of frames has ended: cannot write to {path}: " in err
+    assert "the proxy keeps running" not in err
+
+
+def test_record_ends_at_its_limit_although_stderr_is_on_a_full_disk(
+    chassis: SimulatorThread, tmp_path: Path
+) -> None:
+    arguments = ["--output", str(tmp_path / "a.mcap"), "--max-size", "0.04"]
+    with (
+        Path("/dev/full").open("w") as full,
+        start("record", *address(chassis), *arguments, stderr=full) as process,
+    ):
+        status, _, _ = end(process, None)
+    assert status == 1
+
+
+def test_record_writes_the_address_of_its_proxy_with_brackets(capsys: Any) -> None:
+    record._print_instructions(LinkConfig(), "::1", 5480, Path("a.mcap"))
+    assert "connect the agent to [::1]:5480, e.g." in capsys.readouterr().out
 
 
 def test_record_warns_if_other_machines_can_connect(chassis, tmp_path):
@@ -403,6 +437,7 @@ def test_replay_without_a_recording_fails(tmp_path, capsys):
         ("record", ["--ip", "x", "--listen", "x:70000"]),
         ("record", ["--ip", "x", "--max-size", "0"]),
         ("record", ["--ip", "x", "--max-size", "nan"]),
+        ("record", ["--ip", "x", "--max-size", "1e305"]),
         ("record", ["--ip", "x", "--max-size", "1 GiB"]),
         ("record", ["--ip", "x", "--duration", "1h"]),
         ("record", ["--ip", "x", "--duration", "inf"]),

@@ -190,7 +190,7 @@ class ChargingProfile:
     """
 
     docking_distance: NotNegative
-    docking_speed: NotNegative
+    docking_speed: Annotated[float, Between(0.001)]
     starts_after: NotNegative
     confirmed_after: NotNegative | None
     completed_after: NotNegative

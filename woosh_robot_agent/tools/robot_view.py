@@ -73,10 +73,16 @@ class RobotView:
         self.actions[feedback.action.rpartition(".")[2]] = feedback
 
     def _add_codes(self, codes: Iterable[StatusCode]) -> None:
-        """Add status codes, each only once: codes arrive both as pushes and in RobotInfo."""
-        merged = {code_key(code): code for code in (*self.codes, *codes)}
+        """Add status codes, each only once: codes arrive both as pushes and in RobotInfo.
+
+        What comes later is newer, whatever its time: the robot's clock may have been set back.
+        """
+        merged = {code_key(code): code for code in self.codes}
+        for code in sorted(codes, key=lambda code: code.time):
+            merged.pop(code_key(code), None)
+            merged[code_key(code)] = code
         self.codes.clear()
-        self.codes.extend(sorted(merged.values(), key=lambda code: code.time))
+        self.codes.extend(merged.values())
 
 
 def code_key(code: StatusCode) -> tuple[int, ...]:

@@ -39,7 +39,8 @@ class NodeThread:
         context = Context()
         rclpy.init(args=init_arguments(args), context=context, domain_id=domain)
         try:
-            self.node = Node(name, namespace=namespace, context=context)
+            # a slash at the end, as of a path, would be invalid
+            self.node = Node(name, namespace=namespace.rstrip("/"), context=context)
         except BaseException:
             rclpy.try_shutdown(context=context)
             raise

@@ -47,9 +47,12 @@ def _twist(chassis: Chassis, request: pack.Twist) -> Result:
     """Drive by remote control. A velocity of zero stops everything that drives, in any mode."""
     velocity = Velocity(request.linear, request.linear_y, request.angular)
     if velocity == STANDSTILL:
-        driver = chassis.ownership.driver
+        driver, is_automatic = chassis.ownership.driver, chassis.tasks.automatic
         chassis.ownership.stop_wheels("stopped by a velocity of zero")
-        return f"stopped: {driver} is paused, continue or cancel it" if driver else None
+        if not driver:
+            return None
+        outcome = "cancelled" if is_automatic else "paused, continue or cancel it"
+        return f"stopped: {driver} is {outcome}"
     readiness = chassis.readiness
     if readiness.key_manual and not readiness.key_accepts:
         raise RefusedError(refusals.KEY_AT_MANUAL)

@@ -46,7 +46,7 @@ class Action:
     """
 
     action: Annotated[int, _one_of(action_pb2.Type.values())]
-    wait_id: Annotated[int, Between(0)] = 0
+    wait_id: Annotated[int, Between(0, 2**31 - 1)] = 0
     wait_time: NotNegative = 0.0
     stepctrl_type: Literal[0, 1] = 0
     stepctrl_value: float = 0.0

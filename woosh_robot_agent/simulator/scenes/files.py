@@ -35,6 +35,7 @@ def load_scene(path: Path) -> Scene:
     try:
         if (path / SCENE_INDEX).is_file():
             return read_robot_scene(path.resolve().name, read_robot_folder(path))
+        path.stat()  # raises an error if there is nothing
         is_folder = path.is_dir()
         names = [file.name for file in path.iterdir()] if is_folder else [path.name]
     except OSError as error:
@@ -153,5 +154,9 @@ _load_shipped = lru_cache(load_scene)
 
 def _load(path: Path) -> Scene:
     """Return a new scene. All robots share the shipped maps: planners are computed once per map."""
-    scene = _load_shipped(path) if path in _SHIPPED else load_scene(path)
+    try:
+        scene = _load_shipped(path) if path in _SHIPPED else load_scene(path)
+    except DataFileError as error:  # it names a file in the folder, as other scenes may have
+        text = str(error)
+        raise DataFileError(text if text.startswith(str(path)) else f"{path}: {text}") from None
     return dataclasses.replace(scene, maps=list(scene.maps), files=dict(scene.files))

@@ -189,6 +189,8 @@ def _sides(outline: Outline) -> Iterable[tuple[float, float, float]]:
     """Yield the sides as in `Hull.sides`."""
     for (x1, y1), (x2, y2) in pairwise((*outline, outline[0])):
         length = math.hypot(x2 - x1, y2 - y1)
+        if not length:  # the outline is closed by its first corner, or repeats a corner
+            continue
         nx, ny = (y2 - y1) / length, (x1 - x2) / length
         distance = nx * x1 + ny * y1
         # An outline may be clockwise or counter-clockwise, but it encloses the centre.

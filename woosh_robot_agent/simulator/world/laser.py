@@ -88,7 +88,7 @@ class Laser:
         if distance > self.range_max:
             return math.inf
         error = max(-_MAX_ERROR, min(_MAX_ERROR, rng.gauss(0.0, self.noise)))
-        return max(self.range_min, distance + error)
+        return min(self.range_max, max(self.range_min, distance + error))
 
     def _cast(self, origin: Pose, wall: Wall, ranges: list[float]) -> None:
         """Shorten the `ranges` of the rays from `origin` that hit `wall`, in place."""

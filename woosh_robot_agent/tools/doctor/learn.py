@@ -28,6 +28,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     General,
     Model,
     PoseSpeed,
+    ScannerData,
     TaskProc,
 )
 from woosh_robot_agent.pb.util import task_pb2
@@ -281,9 +282,9 @@ def _scan_period(seen: Observations) -> Learned | None:
 
 
 def _laser(seen: Observations) -> _Found:
-    if not seen.scans:
+    scan, count = seen.latest(ScannerData)
+    if scan is None:
         return
-    scan, count = seen.scans[-1].settings, len(seen.scans)
     values: dict[str, float] = {}
     if scan.angle_increment > 0.0 and scan.angle_max > scan.angle_min:
         values["angle_min"], values["angle_max"] = scan.angle_min, scan.angle_max
@@ -326,8 +327,7 @@ def _start_delays(seen: Observations) -> _Found:
         sent_at = velocity.t - velocity.delay
         is_after_pause = sent_at - last_sent_at > _MAX_START
         last_sent_at = sent_at
-        was_moving = any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses)
-        if is_after_pause and not was_moving:
+        if is_after_pause and not any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses):
             delay = next((t - sent_at for t, _ in poses if t > sent_at), math.inf)
             if delay <= _MAX_START:
                 start_delays.append(delay)

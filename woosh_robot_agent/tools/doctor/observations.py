@@ -104,14 +104,12 @@ class Scan(NamedTuple):
         connection: number of the connection.
         pushed: True if it was pushed, False if it was requested.
         ranges: hash of the ranges, to tell a new scan from one that was requested again.
-        settings: the scan without its ranges.
     """
 
     t: float
     connection: int
     pushed: bool
     ranges: int
-    settings: ScannerData
 
 
 @dataclass
@@ -279,11 +277,8 @@ class Observations:
         if len(self.names) < _MAX_NAMES:
             self.names.update(_names(body))
         if isinstance(body, ScannerData):
-            settings = ScannerData()
-            settings.CopyFrom(body)
-            del settings.ranges[:]
             ranges = hash(tuple(body.ranges))
-            self.scans.append(Scan(frame.t, frame.connection, pushed, ranges, settings))
+            self.scans.append(Scan(frame.t, frame.connection, pushed, ranges))
 
     def _set_latest(self, body: Message) -> None:
         name = body.DESCRIPTOR.full_name

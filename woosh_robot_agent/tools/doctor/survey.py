@@ -342,8 +342,9 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     )
     with _writing(folder):
         text = json.dumps(found, indent=1, ensure_ascii=False)
-        (folder / SURVEY_FILE).write_text(f"{text}\n", encoding="utf-8")
-        (folder / REPORT_FILE).write_text(markdown(found), encoding="utf-8")
+        for name, content in ((SURVEY_FILE, f"{text}\n"), (REPORT_FILE, markdown(found))):
+            # half a surrogate pair, as a robot may send it, is no UTF-8, but an escape in JSON
+            (folder / name).write_text(content, encoding="utf-8", errors="backslashreplace")
     early = "" if complete else ", stopped early"
     return (
         f"surveyed for {seconds:.0f} s{early}: {len(running_survey.seen.answers)} answers, "

@@ -133,6 +133,8 @@ class RosSource:
         """Last value of the topic `connected`; None before the first one."""
         self._invalid = (0, "")
         """Number of messages that could not be converted, and the last error."""
+        self._crash: Exception | None = None
+        """The exception that has ended the thread of the ROS callbacks; None while it runs."""
         self._needs_robot_info = True
         """True until the agent has answered with the robot's state since it was last connected."""
         self._robot_info_call: _RepeatedCall  # set by `start`, as is the next one
@@ -155,7 +157,7 @@ class RosSource:
                 )
         self._node.create_subscription(Bool, _CONNECTED, self._on_connected, latched(1))
         self._node.create_timer(self._discovery_period, self._discover)
-        self._thread.start()
+        self._thread.start(self._on_crash)
 
     async def close(self) -> None:
         await asyncio.to_thread(self._thread.close)
@@ -165,6 +167,12 @@ class RosSource:
         return has_current_info and not self._is_awaiting_connected()
 
     def link(self) -> LinkReport:
+        if self._crash is not None:
+            return LinkReport(
+                False,
+                f"the monitor receives nothing more: internal error: {self._crash!r}",
+                "restart the monitor, and report the problem",
+            )
         if self._parameters_call is None:
             return LinkReport(
                 False,
@@ -213,6 +221,9 @@ class RosSource:
         return f"{count} unreadable messages, the last one because of {error}" if count else ""
 
     # The methods below run in the executor thread.
+
+    def _on_crash(self, error: Exception) -> None:
+        self._crash = error
 
     def _subscribe(self, name: str, ros_class: Any, push: str, depth: int) -> None:
         update = partial(self._update, converter(ros_class, message_type(push)))

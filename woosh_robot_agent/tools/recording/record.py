@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+import math
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +25,7 @@ from woosh_robot_agent.link import (
     LinkError,
     LinkState,
 )
-from woosh_robot_agent.link.config import MIB
+from woosh_robot_agent.link.config import MIB, url_host
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reports import log_to_stderr, printable
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -146,10 +148,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 def _mebibytes(text: str) -> int:
     """Parse a number of MiB; return the number of bytes."""
-    size = int(above_zero(text) * MIB)
-    if not size:
+    size = above_zero(text) * MIB
+    if not 1 <= size < math.inf:
         raise argparse.ArgumentTypeError(f"must be at least one byte, in MiB: {text}")
-    return size
+    return int(size)
 
 
 class PassiveClient:
@@ -225,16 +227,19 @@ class PassiveClient:
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
     stop, loop = stop_event(), asyncio.get_running_loop()
 
-    def on_early_end(reason: str) -> None:
+    def on_early_end(what: str, reason: str) -> None:
         # An agent that is connected through the proxy needs it even without a recording.
-        more = "; the proxy keeps running" if options.listen else ""
-        print(f"error: the recording has ended: {reason}{more}", file=sys.stderr, flush=True)
+        more = "; the proxy keeps running" if options.listen and not stop.is_set() else ""
+        # not by `print`, which fails if stderr is a file on the full disk
+        _LOG.error("error: the recording of %s has ended: %s%s", what, reason, more)
         if not options.listen:
             loop.call_soon_threadsafe(stop.set)
 
     limits = Limits(options.max_size, options.split_size, options.split_duration)
     try:
-        writer = RecordingWriter(options.output, config.address, limits, on_early_end)
+        writer = RecordingWriter(
+            options.output, config.address, limits, partial(on_early_end, "frames")
+        )
     except OSError as error:
         raise RecordingError(_cannot_create(error)) from None
     read_period = READ_PERIOD if options.listen else _OWN_READ_PERIOD
@@ -247,7 +252,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             port = await _listen(proxy, host, port)
             stack.push_async_callback(proxy.stop)
             if options.ros:
-                ros_recorder = _start_ros(options, limits, on_early_end)
+                ros_recorder = _start_ros(options, limits, partial(on_early_end, "ROS messages"))
                 stack.callback(ros_recorder.close)
         except RecordingError:
             writer.discard()  # an empty file would block the next attempt
@@ -264,6 +269,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             stack.push_async_callback(client.close)
             client.start()
         await asyncio.wait({asyncio.ensure_future(stop.wait())}, timeout=options.duration)
+        stop.set()
     failed = _report_frames(writer, config, options)
     if ros_recorder is not None:
         failed |= _report_ros(ros_recorder, options.ros)
@@ -296,7 +302,7 @@ def _start_ros(
     except OSError as error:
         raise RecordingError(_cannot_create(error)) from None
     except Exception as error:  # rclpy raises many types for invalid names and arguments
-        raise RecordingError(f"--ros {options.ros}: {error}") from None
+        raise RecordingError(f"--ros {options.ros}: {' '.join(str(error).split())}") from None
 
 
 def _report_frames(
@@ -361,7 +367,8 @@ def _print_instructions(config: LinkConfig, host: str, port: int, path: Path) ->
             parameters[name] = getattr(config, name)
     arguments = " ".join(f"-p {name}:={value}" for name, value in parameters.items())
     print(
-        f"recording {config.address} to {path}; connect the agent to {host}:{port}, e.g. with\n"
+        f"recording {config.address} to {path}; connect the agent to {url_host(host)}:{port}, "
+        "e.g. with\n"
         f"  ros2 run woosh_robot_agent agent --ros-args -r __ns:={NAMESPACE} {arguments}",
         flush=True,
     )
