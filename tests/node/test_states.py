@@ -19,7 +19,7 @@ from std_msgs.msg import Bool
 from tests.harness import wait_until
 from tests.node.goals import short_task
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.robot.maps import MapError, cells_of
@@ -226,6 +226,17 @@ class TestDiagnostics:
         simulator.listen()
         back = arrays.wait(lambda a: values(of(a, "link"))["reconnects"] == "1")
         assert of(back, "link").level == OK
+
+    def test_a_battery_that_is_not_reported_is_not_empty(self, simulator, connect, client):
+        def without_battery(frame: Outgoing) -> list[Outgoing]:
+            if isinstance(frame.body, RobotInfo):
+                frame.body.ClearField("battery")
+            return [frame]
+
+        simulator.intercept(without_battery)
+        connect()
+        array = diagnostics(client).wait(lambda a: len(a.status) > 2)
+        assert of(array, "battery").level == STALE
 
     def test_a_low_battery_is_a_warning_or_an_error(self, simulator, agent, client):
         arrays = diagnostics(client)

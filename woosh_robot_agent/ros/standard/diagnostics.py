@@ -86,6 +86,8 @@ def agents_status(detector: SecondAgentDetector) -> Status:
 
 def battery_status(info: RobotInfo) -> Status:
     """Return the status of the battery, by the thresholds in the robot's settings."""
+    if not info.HasField("battery"):
+        return Status("battery", STALE, ["the robot has not reported its battery"])
     status, battery, power = Status("battery"), info.battery, info.setting.power
     charging = is_charging(battery)
     if not charging and battery.power <= power.alarm:
