@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import http.client
 import json
+import math
 import ssl
 import subprocess
 import sys
@@ -150,6 +151,7 @@ class Page:
         """Reasons why the stick does not drive."""
         self.press = 0
         """Number of the current press of the stick."""
+        self._pieces: dict[str, str] = {}
         self._commands = 0
         self.scans = 0
         self._changed = asyncio.Event()
@@ -161,7 +163,14 @@ class Page:
                 self.parts["scan"] = message
                 self.scans += 1
             else:
-                content = json.loads(message)
+                head, _, piece = message.partition("\n")
+                content = json.loads(head)
+                if piece:  # of a large part
+                    known = self._pieces.get(content["part"], "") if content["begin"] else ""
+                    self._pieces[content["part"]] = known + piece
+                    if not content["last"]:
+                        continue
+                    content = json.loads(known + piece)
                 if content["part"] == "reply":
                     self.replies[content["id"]] = content["ok"], say(content["text"])
                     self.data[content["id"]] = content["data"]
@@ -313,10 +322,15 @@ async def controlled_by_two(
 
 @dataclass
 class Delay:
-    """Time that data take to and from the dashboard, in seconds."""
+    """Time that data take to and from the dashboard, in seconds.
+
+    Attributes:
+        rate: maximum rate of the data from the dashboard, in bytes per second.
+    """
 
     there: float = 0.0
     back: float = 0.0
+    rate: float = math.inf
 
 
 @asynccontextmanager
@@ -325,16 +339,22 @@ async def delayed(running: Dashboard | str, delay: Delay) -> AsyncIterator[int]:
     loop = asyncio.get_running_loop()
 
     async def pass_on(
-        reader: asyncio.StreamReader, transport: Any, seconds: Callable[[], float]
+        reader: asyncio.StreamReader,
+        transport: Any,
+        seconds: Callable[[], float],
+        rate: Callable[[], float] = lambda: math.inf,
     ) -> None:
-        while data := await reader.read(65536):
+        while data := await reader.read(8192):
+            await asyncio.sleep(len(data) / rate())
             loop.call_later(seconds(), transport.write, data)
 
     async def forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         there_reader, there_writer = await asyncio.open_connection(*place(running).split(":"))
         ways = (
             asyncio.ensure_future(pass_on(reader, there_writer.transport, lambda: delay.there)),
-            asyncio.ensure_future(pass_on(there_reader, writer.transport, lambda: delay.back)),
+            asyncio.ensure_future(
+                pass_on(there_reader, writer.transport, lambda: delay.back, lambda: delay.rate)
+            ),
         )
         try:
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)

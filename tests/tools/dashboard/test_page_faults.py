@@ -149,6 +149,27 @@ def test_over_a_slow_connection_nothing_drives_but_stop_works(
     assert robot.counts[full_name(Twist)] == 1
 
 
+def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Path) -> None:
+    marks = "".join(
+        f"      - {{number: M{n}, pose: [2, 2, 0], description: {'x' * 70}}}\n" for n in range(1900)
+    )
+    (tmp_path / "scene.yaml").write_text(
+        "name: hall\nmaps:\n  - name: ground\n    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
+        f"    marks:\n{marks}"
+    )
+    delay = Delay()
+    with SimulatedPage(scenes=(tmp_path,)) as robot:
+        port = robot.enter(delayed(robot.url, delay))
+        window.open(f"http://127.0.0.1:{port}/")
+        delay.rate = 40e3
+        former = window.script("store.you.value")
+        window.script("(store.map.value = null, connection.socket.close())")
+        eventually(lambda: window.script("store.you.value") != former, "the new connection")
+        eventually(lambda: window.script("store.map.value?.marks?.length === 1900"), "the map")
+        assert window.script("!store.outdated.value")
+        window.driver.get("about:blank")
+
+
 def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: Browser) -> None:
     options = own_port()
     with program(chassis, options=options) as (process, url):

@@ -25,6 +25,8 @@ export class Connection {
     this.nextId = 1;
     /** @type {Map<number, (reply: Reply) => void>} by the id of the command */
     this.replies = new Map();
+    /** @type {Map<string, string>} the pieces of a large part that have come, by the name of the part */
+    this.pieces = new Map();
     this.isReady = false; // true once the dashboard knows which robot the page shows
     this.unsentStop = { id: 0, robot: "" }; // stop that waits for the connection; id 0 without one
     this.problem = "link.connecting";
@@ -60,15 +62,33 @@ export class Connection {
   /** @param {string | ArrayBuffer} data */
   received(data) {
     this.receivedAt = performance.now();
+    this.handle(data);
     if (this.problem) this.setProblem("");
+  }
+
+  /** @param {string | ArrayBuffer} data */
+  handle(data) {
     if (typeof data !== "string") {
       this.onScan(data);
       return;
     }
-    const message = JSON.parse(data);
-    if (message.part === "clock") this.clock = message.data;
+    const [head, piece] = data.split("\n");
+    const message = JSON.parse(head);
+    if (piece !== undefined) this.addPiece(message, piece);
+    else if (message.part === "clock") this.clock = message.data;
     else if (message.part === "reply") this.settle(message.id, message);
     else if (message.part) this.onPart(message.part, message.data);
+  }
+
+  /**
+   * Collect the pieces of a part, a text as in a message.
+   * @param {{part: string, begin: number, last: boolean}} head  begin: characters before this piece
+   * @param {string} piece
+   */
+  addPiece({ part, begin, last }, piece) {
+    const text = begin ? this.pieces.get(part) + piece : piece;
+    this.pieces.set(part, last ? "" : text);
+    if (last) this.handle(text);
   }
 
   /**
