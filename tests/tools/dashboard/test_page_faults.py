@@ -30,6 +30,10 @@ from woosh_robot_agent.simulator import SimulatorThread
 pytestmark = pytest.mark.timeout(300)
 
 
+_DISCONNECT = "(connection.connect = () => connection.socket, connection.socket.close())"
+"""Ends the connection of the page, which does not connect again."""
+
+
 def own_port() -> list[str]:
     """Return options with a free port, which a dashboard keeps when it is started again."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
@@ -168,6 +172,20 @@ def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Pat
         eventually(lambda: window.script("store.map.value?.marks?.length === 1900"), "the map")
         assert window.script("!store.outdated.value")
         window.driver.get("about:blank")
+
+
+def test_an_alarm_is_not_ended_by_what_was_seen_before_the_loss(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.script(_DISCONNECT)
+    eventually(lambda: browser.script("store.problem.value"), "the loss")
+    browser.press("#stop")
+    eventually(lambda: browser.text("#alarm"), "the alarm")
+    robot.run(robot.enter(page(robot.url)).give("goMark", mark="A2"))
+    eventually(lambda: is_driving(robot), "a task of somebody else")
+    browser.script("delete connection.connect && void connection.connect()")
+    eventually(lambda: browser.script("store.pose.value.linear > 0.1"), "the drive in the page")
+    assert browser.text("#alarm")
 
 
 def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: Browser) -> None:
@@ -430,7 +448,7 @@ def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
 ) -> None:
     served = serve({"robot_id": 7}, {"robot_id": 8})
     window.open(served.url)
-    window.script("(connection.connect = () => connection.socket, connection.socket.close())")
+    window.script(_DISCONNECT)
     eventually(lambda: window.script("store.problem.value"), "the loss")
     window.driver.execute_script("""
       document.querySelector("#stop").click();

@@ -11,7 +11,7 @@ const STANDSTILL = 1000; // milliseconds for which a robot must stand still to e
 
 export const connection = new Connection(received, receivedScan, (problem) => {
   store.problem.value = problem;
-  checkAlarm();
+  standingSince = performance.now(); // a pose from before shows no standstill
 });
 
 /** The last sending of each command: its arguments, and when it was sent or answered. */

@@ -407,6 +407,7 @@ export function receive(name, data) {
         map.value = null; // the new process may use the map's number for another map
       }
       process = data.process;
+      link.value = null; // until its parts come, what is shown of the robot is out of date
       you.value = data.you;
       lostControl.value = !data.control && (lostControl.value || mayControl.value);
       mayControl.value = data.control;
