@@ -215,7 +215,7 @@ class Page:
         """
         if name in ("go", "goMark", "setPose"):
             used = await self.until(lambda parts: parts["robot"])
-            args = {"scene": used["scene"], "map": used["map"], **args}
+            args = {**{name: used[name] for name in ("scene", "map", "version")}, **args}
         while True:
             clock = await self.until(lambda parts: parts.pop("clock", 0))
             reply = await self.command_at(clock, name, **args)

@@ -268,7 +268,7 @@ async def test_a_place_of_another_map_is_not_sent(
 ) -> None:
     place = {"mark": "A2"} if name == "goMark" else {"x": 0.0, "y": 0.0, "theta": 0.0}
     async with controlled(chassis) as viewer:
-        for other in ({"map": "scenex"}, {"scene": "scenex"}, {"map": None}):
+        for other in ({"map": "scenex"}, {"scene": "scenex"}, {"map": None}, {"version": -1}):
             reason = "the robot uses another map than the page has shown: wooshmap"
             answer = await viewer.command(name, **{**place, **other})
             assert answer == (False, f"{shown} was not sent: {reason}")
@@ -582,7 +582,8 @@ async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
         await viewer.ready()
         await eventually(lambda: running.robots[1].view.has_robot_info)
         clock = viewer.parts["clock"]
-        place = {"mark": "A2", "scene": "wooshmap", "map": "wooshmap"}
+        version = viewer.parts["robot"]["version"]
+        place = {"mark": "A2", "scene": "wooshmap", "map": "wooshmap", "version": version}
         reply, _ = await asyncio.gather(  # both are there when the dashboard reads the first one
             viewer.command_at(clock, name, **place), viewer.send(do="watch", robot=1)
         )

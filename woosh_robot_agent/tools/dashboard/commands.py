@@ -210,8 +210,8 @@ class Command(NamedTuple):
             `CommandError` if the arguments are not valid.
         interrupts: True if the command only ends or interrupts a motion, so that it is never too
             old to be sent.
-        on_map: True if the command has a place or mark on a map. The arguments `scene` and `map`
-            name this map, and the robot must use it.
+        on_map: True if the command has a place or mark on a map. The arguments `scene`, `map` and
+            `version` name this map, and the robot must use it.
     """
 
     request: Callable[[Args, RobotInfo], Message]

@@ -322,7 +322,8 @@ class Control:
     def _other_map(self, args: Args) -> Text | None:
         """Return the reason if the place of a command is not on the map that the robot uses."""
         used = self._robot.view.info.scene
-        if (args.get("scene"), args.get("map")) == (used.scene_name, used.map_name):
+        shown = tuple(map(args.get, ("scene", "map", "version")))
+        if shown == (used.scene_name, used.map_name, used.version):
             return None
         return Text("reason.otherMap", map=used.map_name)
 

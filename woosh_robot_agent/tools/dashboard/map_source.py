@@ -152,7 +152,7 @@ class MapSource:
             self._on_change()
 
     async def _request(self, wanted: tuple[str, int, str, int]) -> None:
-        scene_name, map_id, map_name, _ = wanted
+        scene_name, map_id, map_name, version = wanted
         try:
             scene = await scene_data(self._chassis, scene_name)
             area = find_map(scene, map_id, map_name)
@@ -160,6 +160,7 @@ class MapSource:
             content = {
                 "scene": scene_name,
                 "name": map_name,
+                "version": version,
                 "marks": part_data.marks_data(area),
                 "zones": part_data.zones_data(area),
                 "lanes": part_data.lanes_data(area),

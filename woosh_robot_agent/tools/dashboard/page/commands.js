@@ -241,11 +241,11 @@ export async function confirmPose() {
   if (accepted && store.draft.value === pose) forgetTarget(); // not what the viewer has begun meanwhile
 }
 
-/** Names of the maps that are shown and used; they change with each of them. */
+/** Names and versions of the maps that are shown and used; they change with each of them. */
 export const mapNames = signal("");
 effect(() => {
-  const { known, scene, map } = store.robot.value ?? {};
+  const { known, scene, map, version } = store.robot.value ?? {};
   // after its restart, the dashboard does not know the robot at first
-  if (known !== false) mapNames.value = JSON.stringify([store.shownMap.value, scene, map]);
+  if (known !== false) mapNames.value = JSON.stringify([store.shownMap.value, scene, map, version]);
 });
 mapNames.subscribe(forgetPlaces); // places of one map mean nothing on another one
