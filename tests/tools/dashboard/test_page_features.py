@@ -29,7 +29,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import part_data
-from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_tokens
+from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_tokens, new_tokens
 
 _REAL_GROUPS = Path(__file__).parents[2] / "facts/real_scene/action_groups.json"
 
@@ -238,6 +238,25 @@ async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
             changed = chassis.counts - before
             assert not {full_name(Twist), full_name(ExecTask)} & set(changed)
             await controlling.give("goMark", mark="A2")
+
+
+@aio
+async def test_without_control_the_address_to_control_only_shows(chassis: SimulatorThread) -> None:
+    tokens = new_tokens()
+    for control in (True, False, True):
+        async with dashboard(chassis, control=control, host="0.0.0.0", tokens=tokens) as running:
+            local = f"127.0.0.1:{place(running).rpartition(':')[2]}"
+            name = f"woosh_dashboard_{local.rpartition(':')[2]}"
+            sent = {"Cookie": f"{name}={tokens[Role.CONTROL]}"}
+            query = f"/?token={tokens[Role.CONTROL]}"
+            status, found, _ = await fetch(running, query, {"Host": local})
+            assert status == 200
+            assert tokens[Role.CONTROL] in found["set-cookie"]
+            async with page(running, **sent) as viewer:
+                await viewer.ready()
+                assert viewer.parts["hello"]["control"] is control
+                if not control:
+                    assert "with --control" in await viewer.refused("stop")
 
 
 def test_tokens_are_kept_in_a_file_that_only_its_owner_reads(tmp_path: Path) -> None:

@@ -106,11 +106,11 @@ class Access:
     Args:
         host: the address that is listened on.
         is_encrypted: True if the page is served over HTTPS.
-        control: True if the role CONTROL exists.
+        control: True if the role CONTROL exists. Otherwise its token gives the role LOOK.
         tokens: token of each role, used only if other machines can connect.
 
     Attributes:
-        tokens: tokens of the existing roles; empty if only this machine can connect.
+        tokens: token of each role; empty if only this machine can connect.
         port: port that is listened on; set by the server once it listens, 0 before.
         scheme: `http` or `https`.
     """
@@ -118,9 +118,8 @@ class Access:
     def __init__(
         self, host: str, *, is_encrypted: bool, control: bool, tokens: dict[Role, str]
     ) -> None:
-        self._local_role = Role.CONTROL if control else Role.LOOK
-        roles = Role if control else (Role.LOOK,)
-        self.tokens = {} if is_local(host) else {role: tokens[role] for role in roles}
+        self._control = control
+        self.tokens = {} if is_local(host) else tokens
         self.scheme = "https" if is_encrypted else "http"
         self.port = 0
 
@@ -145,9 +144,9 @@ class Access:
 
     def role(self, request: web.BaseRequest) -> Role | None:
         """Return the role of the sender of a request; None if it has no valid token."""
-        if not self.tokens:
-            return self._local_role
-        return self._role_of(request.query.get("token", "")) or self._cookie_role(request)
+        given = self._role_of(request.query.get("token", "")) or self._cookie_role(request)
+        role = given if self.tokens else Role.CONTROL
+        return role if self._control or role is None else Role.LOOK
 
     def set_cookie(self, request: web.BaseRequest, response: web.Response) -> None:
         """Set the cookie if the address of a request has a token.
