@@ -8,6 +8,7 @@ import signal
 import socket
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -186,6 +187,20 @@ def test_an_alarm_is_not_ended_by_what_was_seen_before_the_loss(
     browser.script("delete connection.connect && void connection.connect()")
     eventually(lambda: browser.script("store.pose.value.linear > 0.1"), "the drive in the page")
     assert browser.text("#alarm")
+
+
+def test_a_page_whose_address_is_no_longer_valid_says_so(
+    chassis: SimulatorThread, window: Browser
+) -> None:
+    options = ["--host", "0.0.0.0", *own_port()]
+    with program(chassis, options=options) as (_, url):
+        window.open(f"http://127.0.0.1:{urlsplit(url).port}/?{urlsplit(url).query}")
+    eventually(lambda: "No connection to the dashboard" in window.text("#notice"), "the loss")
+    with program(chassis, options=options) as (_, url):  # with other tokens
+        eventually(lambda: "open the new address" in window.text("#notice"), "the refusal")
+        window.press("#stop")
+        eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
+        window.open(f"http://127.0.0.1:{urlsplit(url).port}/?{urlsplit(url).query}")
 
 
 def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: Browser) -> None:

@@ -8,6 +8,7 @@ const SILENCE = 2000; // milliseconds without a message after which the shown da
 const GIVE_UP = 6000; // milliseconds without a message after which the connection counts as lost
 const CONNECT_TIMEOUT = 15000; // milliseconds
 const STOP_TIMEOUT = 2500; // milliseconds
+const FORBIDDEN = 403; // HTTP status
 const TOO_MANY_VIEWERS = 1013; // code with which the dashboard closes the connection
 
 export class Connection {
@@ -108,6 +109,17 @@ export class Connection {
     if (shown !== Math.max(0, stopped)) this.watch(shown);
   }
 
+  /** Show why there is no connection. The browser does not say why it has failed. */
+  async findProblem() {
+    if (this.problem !== "link.refused") this.setProblem("link.noDashboard");
+    const status = await fetch(".").then(
+      (response) => response.status,
+      () => 0, // no dashboard
+    );
+    if (!["link.noDashboard", "link.refused"].includes(this.problem)) return; // connected meanwhile
+    this.setProblem(status === FORBIDDEN ? "link.refused" : "link.noDashboard");
+  }
+
   reconnect() {
     this.lost(false);
     this.connect();
@@ -119,7 +131,8 @@ export class Connection {
    */
   lost(dismissed) {
     this.isReady = false;
-    this.setProblem(dismissed ? "link.dismissed" : "link.noDashboard");
+    if (dismissed) this.setProblem("link.dismissed");
+    else this.findProblem();
     for (const id of [...this.replies.keys()]) {
       if (id !== this.unsentStop.id) this.settle(id, failure("reason.connectionLost"));
     }
