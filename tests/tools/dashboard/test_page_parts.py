@@ -18,8 +18,14 @@ from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, RobotState, ScannerData
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Twist
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    NavPath,
+    PoseSpeed,
+    RobotInfo,
+    RobotState,
+    ScannerData,
+)
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.part_data import (
@@ -264,6 +270,29 @@ async def test_a_robot_that_hangs_has_no_data(chassis: SimulatorThread) -> None:
         freeze.clear()
         await viewer.until(lambda parts: parts["link"]["good"])
         await viewer.until(lambda parts: parts["fleet"][0]["silence"] == 0)
+
+
+@aio
+async def test_a_robot_that_is_no_longer_updated_is_not_shown_as_live(
+    chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> None:
+        raise RuntimeError("an odd value")
+
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await viewer.ready()
+        running.robots[0].parts.add("path", fail)
+        link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
+        assert link["state"] == "failed"
+        assert "an odd value" in caplog.text
+        await viewer.until(lambda parts: parts["fleet"][0]["link"] == "failed")
+        assert "dashboard has failed" in await viewer.refused("goMark", mark="A2")
+        async with viewer.holds(0.3):
+            await viewer.until(lambda _: "dashboard has failed" in viewer.refusals[-1])
+        assert chassis.counts[full_name(ExecTask)] == chassis.counts[full_name(Twist)] == 0
+        await viewer.give("stop")
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.ready()  # it ends as usual
 
 
 @aio

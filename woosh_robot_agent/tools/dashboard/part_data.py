@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.motion.wheel_owner import is_held_up, is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -141,7 +141,6 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
     twist = info.pose_speed.twist
     return {
         "address": chassis.config.address,
-        "link": link_state(chassis),
         "silence": silence,
         "known": view.has_robot_info,
         "id": info.robot_id or info.genral.serial_number,
@@ -153,13 +152,6 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "level": enum_name(StatusCode.Level, worst),
         "battery": _battery(info),
     }
-
-
-def link_state(chassis: ChassisClient) -> str:
-    """Return the state of the link: `connected`, `lost`, or `not connected` if it never was."""
-    if chassis.state is LinkState.READY:
-        return "connected"
-    return "lost" if chassis.stats.connects else "not connected"
 
 
 def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:

@@ -119,7 +119,9 @@ class Robot:
         self._shared = shared
         self._scan_rate = scan_rate
         self._update_period = update_period
-        self._samples: deque[list[Any]] = deque(maxlen=_MAX_SAMPLES)
+        self._failed = False
+        """True if an unexpected error has ended the updates of the parts."""
+        self._samples: list[list[Any]] = []
         """Samples as returned by `_sample`, oldest first."""
         self._code_times: dict[tuple[int, ...], int] = {}
         """Times of the status codes on this computer's clock, as Unix time in ms, by `code_key`."""
@@ -162,8 +164,22 @@ class Robot:
 
     @property
     def no_data(self) -> Text | None:
-        """Reason that the robot has sent nothing for some seconds; None if it sends frames."""
+        """Reason why what is known of the robot is out of date; None if it is up to date."""
+        if self._failed:
+            return Text("link.failed")
         return Text("reason.noData", seconds=self.silence) if self.silence else None
+
+    @property
+    def link_state(self) -> str:
+        """State of the link: `connected`, `lost`, or `not connected` if it never was.
+
+        After an unexpected error it is `failed`, because the parts are no longer updated.
+        """
+        if self._failed:
+            return "failed"
+        if self.chassis.state is LinkState.READY:
+            return "connected"
+        return "lost" if self.chassis.stats.connects else "not connected"
 
     @property
     def _map_use(self) -> tuple[Scene, bool]:
@@ -242,7 +258,10 @@ class Robot:
         try:
             await asyncio.gather(*loops)
         except Exception:
-            _LOG.exception("the page no longer shows %s", self.chassis.config.address)
+            address = self.chassis.config.address
+            _LOG.exception("the page no longer updates %s; restart the dashboard", address)
+            self.silence, self._failed = 0, True
+            self.parts.publish("link")
         finally:
             await cancel_and_wait(*loops)
 
@@ -346,8 +365,8 @@ class Robot:
         # the text of an `OtherRobotError` has the remedy
         needs_advice = not ready and not isinstance(error, OtherRobotError)
         return {
-            "good": ready and not self.silence,
-            "state": part_data.link_state(chassis),
+            "good": ready and self.no_data is None,
+            "state": self.link_state,
             "since": int(chassis.since * 1000),
             "silence": self.silence if ready else 0,
             "error": "" if ready or error is None else value_data(said_by(error)),

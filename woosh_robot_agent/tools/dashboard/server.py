@@ -223,6 +223,7 @@ class Dashboard:
         return [
             {
                 **part_data.card_data(each.view, each.chassis, each.silence),
+                "link": each.link_state,
                 "order": each.order(),
                 "task": control.tasks.running(),
                 "alarm": value_data(control.alarm.reason),
