@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.tools.dashboard.pages import controlled, dashboard, fetch, last, page, place
-from tests.tools.waiting import aio, eventually
+from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -118,6 +119,38 @@ async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) ->
             assert moment >= found["samples"][0][0]
             assert (speed, battery, charging) == (0.0, 93, False)
             assert delay > 0.0
+
+
+@aio
+async def test_the_history_goes_on_when_the_clock_is_set(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = part_data.now
+    async with dashboard(chassis) as running:
+        robot = running.robots[0]
+        await eventually(lambda: len(robot.history["samples"]) > 1)
+        for hours in (-1, 1000):
+            known = len(robot.history["samples"])
+            monkeypatch.setattr(part_data, "now", lambda hours=hours: now() + 3_600_000 * hours)
+            await eventually(lambda known=known: len(robot.history["samples"]) > known + 1)
+            times = [each[0] for each in robot.history["samples"]]
+            steps = [after - before for before, after in itertools.pairwise(times)]
+            assert 0 < min(steps) <= max(steps) < TIMEOUT
+
+
+@aio
+async def test_a_robot_that_hangs_has_no_speed_in_the_history(chassis: SimulatorThread) -> None:
+    async with controlled(chassis) as viewer:
+        await viewer.give("goMark", mark="A2")
+        await viewer.until(lambda parts: parts["sample"][1] > 0.2)
+        chassis.inject("freeze")
+        await viewer.until(lambda parts: parts["link"]["silence"])
+        speeds = []
+        while len(speeds) < 2:
+            speeds.append((await viewer.until(lambda parts: parts.pop("sample", None)))[1])
+        assert viewer.parts["link"]["state"] == "connected"
+        assert 0.0 not in speeds
+        assert speeds[-1] is None
 
 
 @aio
