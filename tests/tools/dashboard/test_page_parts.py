@@ -85,6 +85,18 @@ async def test_no_map_is_shown_but_the_one_that_the_robot_uses(chassis: Simulato
 
 
 @aio
+async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThread) -> None:
+    async with controlled(chassis) as viewer:
+        await viewer.until(lambda parts: parts["map"]["marks"])
+        chassis.refuse(full_name(SceneData), "the scene is damaged")
+        await viewer.give("switchMap", scene="scenex", map="scenex2")
+        await viewer.until(lambda parts: parts["map"]["error"])
+        await viewer.give("switchMap", scene="wooshmap", map="wooshmap")
+        await viewer.until(lambda parts: parts["map"]["marks"] and not parts["map"]["error"])
+        assert viewer.parts["map"]["name"] == "wooshmap"
+
+
+@aio
 async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
