@@ -30,6 +30,7 @@ from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.part_data import (
     lanes_data,
+    points_data,
     pose_data,
     scan_frame,
     zones_data,
@@ -385,6 +386,16 @@ async def test_a_part_that_has_not_changed_is_not_encoded_again(
     assert len(encoded) == 2
     assert told == [{"map"}, {"map"}]
     assert json.loads(parts.messages["map"])["data"] == source[0]
+
+
+def test_a_path_with_fewer_points_keeps_its_ends() -> None:
+    path = NavPath()
+    for index in range(5000):
+        path.path.poses.add(x=float(index))
+    shown = points_data(path.path.poses)
+    assert (shown[0], shown[-1]) == ([0.0, 0.0], [4999.0, 0.0])
+    assert len(shown) <= 2000
+    assert [points_data(path.path.poses[:n]) for n in (0, 1)] == [[], [[0.0, 0.0]]]
 
 
 def test_the_points_of_all_zones_and_of_all_lanes_are_limited() -> None:

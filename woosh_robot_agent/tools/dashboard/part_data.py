@@ -219,12 +219,14 @@ def task_state(report: TaskProc) -> str:
 def points_data(points: Any, max_points: int = _MAX_POINTS) -> list[list[float]]:
     """Return the finite ones of some points, as x and y in metres.
 
-    If there are more than `max_points`, only every second, third etc. point is returned.
+    If there are more than `max_points`, only every second, third etc. point and the last one are
+    returned.
     """
-    step = math.ceil(len(points) / max_points) or 1
+    last = len(points) - 1
+    step = math.ceil(last / max_points) or 1
     return [
         [round(each.x, 3), round(each.y, 3)]
-        for each in points[::step]
+        for each in (*points[:last:step], *points[last:])
         if math.isfinite(each.x) and math.isfinite(each.y)
     ]
 
