@@ -71,6 +71,9 @@ async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: Simulat
         await viewer.until(lambda parts: not parts["robot"]["task"]["running"])
         await viewer.give("goMark", mark="A2")
         assert last(chassis, ExecTask).mark_no == "A2"
+        await viewer.give("cancel")
+        await viewer.command("goMark", mark="A2", number=100_000)  # no kind of this scene
+        assert last(chassis, ExecTask).task_type_no == 100_000
 
 
 _ODD_TEXT = "请\u3000让开 \u200fא\u200e \U0001f468\u200d\U0001f527\u00a0!"

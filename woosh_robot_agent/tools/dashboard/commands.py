@@ -45,8 +45,8 @@ _MAX_TEXT = 200
 """Maximum length of a text."""
 _MAX_COORDINATE = 1e5
 """Maximum coordinate, in metres."""
-_MAX_NUMBER = 1000
-"""Maximum number of a task kind, and of a light effect."""
+_MAX_NUMBER = 2**32 - 1
+"""Maximum number of a task kind, and of a light effect: that of the protocol."""
 
 
 class CommandError(ValueError):
