@@ -163,6 +163,11 @@ class Robot:
             await asyncio.wait({self._running})
         await self.chassis.close()
 
+    def show_failure(self) -> None:
+        """Show that the parts are no longer updated, because of an unexpected error."""
+        self.silence, self._failed = 0, True
+        self.parts.publish("link")
+
     @property
     def no_data(self) -> Text | None:
         """Reason why what is known of the robot is out of date; None if it is up to date."""
@@ -264,8 +269,7 @@ class Robot:
         except Exception:
             address = self.chassis.config.address
             _LOG.exception("the page no longer updates %s; restart the dashboard", address)
-            self.silence, self._failed = 0, True
-            self.parts.publish("link")
+            self.show_failure()
         finally:
             await cancel_and_wait(*loops)
 
