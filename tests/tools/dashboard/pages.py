@@ -6,6 +6,7 @@ import asyncio
 import http.client
 import json
 import math
+import socket
 import ssl
 import subprocess
 import sys
@@ -344,12 +345,17 @@ async def delayed(running: Dashboard | str, delay: Delay) -> AsyncIterator[int]:
         seconds: Callable[[], float],
         rate: Callable[[], float] = lambda: math.inf,
     ) -> None:
-        while data := await reader.read(8192):
+        while data := await reader.read(4096):
             await asyncio.sleep(len(data) / rate())
             loop.call_later(seconds(), transport.write, data)
 
     async def forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        there_reader, there_writer = await asyncio.open_connection(*place(running).split(":"))
+        host, port = place(running).split(":")
+        there = socket.socket()
+        there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # data wait at their sender
+        there.setblocking(False)
+        await loop.sock_connect(there, (host, int(port)))
+        there_reader, there_writer = await asyncio.open_connection(sock=there, limit=4096)
         ways = (
             asyncio.ensure_future(pass_on(reader, there_writer.transport, lambda: delay.there)),
             asyncio.ensure_future(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
 import math
@@ -13,7 +14,7 @@ import pytest
 from PIL import Image
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import controlled, dashboard, fetch, page, say
+from tests.tools.dashboard.pages import Delay, controlled, dashboard, delayed, fetch, page, say
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
@@ -341,6 +342,22 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
 
         await viewer.until(is_shown)
         assert seen == {0}
+
+
+@aio
+async def test_a_page_with_a_slow_connection_gets_the_newest_state(
+    chassis: SimulatorThread,
+) -> None:
+    delay = Delay()
+    async with (
+        dashboard(chassis) as running,
+        delayed(running, delay) as port,
+        page(running, port) as viewer,
+    ):
+        await viewer.ready()
+        delay.rate = 8e3  # a third of what it gets otherwise
+        await asyncio.sleep(15.0)
+        assert asyncio.get_running_loop().time() - viewer.parts["clock"] / 1000.0 < 6.0
 
 
 @aio

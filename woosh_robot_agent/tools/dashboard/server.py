@@ -315,7 +315,12 @@ class Dashboard:
         self._viewer_count += 1
         may_control = self._access.role(request) is Role.CONTROL
         viewer = Viewer(
-            socket, transport, self._viewer_count, self._shared, may_control=may_control
+            socket,
+            transport,
+            connection.is_writable,
+            self._viewer_count,
+            self._shared,
+            may_control=may_control,
         )
         self._viewers.add(viewer)
         viewer.note(part="hello", data=self._hello(viewer))

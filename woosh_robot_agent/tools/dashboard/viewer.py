@@ -31,6 +31,7 @@ class Viewer:
     Args:
         socket: the WebSocket.
         transport: connection of the WebSocket.
+        is_writable: set while the connection takes more messages.
         number: number of the viewer, from 1.
         shared: parts about all robots together, which every viewer watches.
         may_control: True if the viewer may command robots.
@@ -52,6 +53,7 @@ class Viewer:
         self,
         socket: web.WebSocketResponse,
         transport: asyncio.Transport,
+        is_writable: asyncio.Event,
         number: int,
         shared: Parts,
         *,
@@ -59,6 +61,7 @@ class Viewer:
     ) -> None:
         self._socket = socket
         self._transport = transport
+        self._is_writable = is_writable
         self._shared = shared
         address = transport.get_extra_info("peername")
         self.name = f"{number} ({address[0]})" if address else str(number)
@@ -144,6 +147,7 @@ class Viewer:
                 await self._wake.wait()
                 self._wake.clear()
                 while self._notes or self._is_time_due or self._stale:
+                    await self._is_writable.wait()
                     message = self._next()
                     if isinstance(message, str):
                         await self._socket.send_str(message)
