@@ -141,7 +141,7 @@ class VelocityDriver:
         chassis: the link.
         name: name of the stream in the log, e.g. "cmd_vel".
         limits: returns the current limits.
-        log_refusals: True to log velocities that the chassis refuses, with its answer.
+        on_refused: called with the reason why this refuses a velocity, instead of logging it.
     """
 
     def __init__(
@@ -150,14 +150,13 @@ class VelocityDriver:
         chassis: ChassisClient,
         name: str,
         limits: Callable[[], VelocityLimits],
-        *,
-        log_refusals: bool = True,
+        on_refused: Callable[[str], None] | None = None,
     ) -> None:
         self._gate = gate
         self._chassis = chassis
         self._name = name
         self._limits = limits
-        self._log_refusals = log_refusals
+        self._on_refused = on_refused
         self._log = LogOnce(_LOG)
         self._driving = False
         """True from a velocity that moves the robot until a zero, a stop, the end of the link, or
@@ -258,7 +257,10 @@ class VelocityDriver:
             self.drive(0.0, 0.0, 0.0)
 
     def log_refusal(self, kind: str, reason: str) -> None:
-        """Log why a velocity is refused, and what to do; reasons of one kind are logged once."""
+        """Log or tell why a velocity is refused; reasons of one kind are logged once."""
+        if self._on_refused is not None:
+            self._on_refused(reason)
+            return
         self._log.warn(kind, f"{self._name} is ignored: {reason}")
 
     @property
@@ -317,14 +319,11 @@ class VelocityDriver:
     async def _request(self, velocity: Twist, published: float | None) -> None:
         try:
             sender = Sender(self._name, published, self._max_age)
-            answer = await self._gate.request(velocity, sender=sender)
+            await self._gate.request(velocity, sender=sender)
         except SupersededError as error:  # normal while the chassis is slow
             _LOG.debug("%s: %s", self._name, error)
         except LinkError as error:
             self._log.warn("request", f"{self._name} was not sent or not answered: {error}")
-        else:
-            if not answer.ok and self._log_refusals:
-                self._log.warn("refused", f"the chassis refused {self._name}: {answer.reason}")
 
     def _silence(self, reason: str) -> None:
         """Refuse velocities until their sender pauses or sends a zero."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import http.client
 import json
+import math
+import socket
 import ssl
 import subprocess
 import sys
@@ -150,6 +152,7 @@ class Page:
         """Reasons why the stick does not drive."""
         self.press = 0
         """Number of the current press of the stick."""
+        self._pieces: dict[str, str] = {}
         self._commands = 0
         self.scans = 0
         self._changed = asyncio.Event()
@@ -161,7 +164,14 @@ class Page:
                 self.parts["scan"] = message
                 self.scans += 1
             else:
-                content = json.loads(message)
+                head, _, piece = message.partition("\n")
+                content = json.loads(head)
+                if piece:  # of a large part
+                    known = self._pieces.get(content["part"], "") if content["begin"] else ""
+                    self._pieces[content["part"]] = known + piece
+                    if not content["last"]:
+                        continue
+                    content = json.loads(known + piece)
                 if content["part"] == "reply":
                     self.replies[content["id"]] = content["ok"], say(content["text"])
                     self.data[content["id"]] = content["data"]
@@ -206,7 +216,7 @@ class Page:
         """
         if name in ("go", "goMark", "setPose"):
             used = await self.until(lambda parts: parts["robot"])
-            args = {"scene": used["scene"], "map": used["map"], **args}
+            args = {**{name: used[name] for name in ("scene", "map", "version")}, **args}
         while True:
             clock = await self.until(lambda parts: parts.pop("clock", 0))
             reply = await self.command_at(clock, name, **args)
@@ -313,10 +323,15 @@ async def controlled_by_two(
 
 @dataclass
 class Delay:
-    """Time that data take to and from the dashboard, in seconds."""
+    """Time that data take to and from the dashboard, in seconds.
+
+    Attributes:
+        rate: maximum rate of the data from the dashboard, in bytes per second.
+    """
 
     there: float = 0.0
     back: float = 0.0
+    rate: float = math.inf
 
 
 @asynccontextmanager
@@ -325,16 +340,27 @@ async def delayed(running: Dashboard | str, delay: Delay) -> AsyncIterator[int]:
     loop = asyncio.get_running_loop()
 
     async def pass_on(
-        reader: asyncio.StreamReader, transport: Any, seconds: Callable[[], float]
+        reader: asyncio.StreamReader,
+        transport: Any,
+        seconds: Callable[[], float],
+        rate: Callable[[], float] = lambda: math.inf,
     ) -> None:
-        while data := await reader.read(65536):
+        while data := await reader.read(4096):
+            await asyncio.sleep(len(data) / rate())
             loop.call_later(seconds(), transport.write, data)
 
     async def forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        there_reader, there_writer = await asyncio.open_connection(*place(running).split(":"))
+        host, port = place(running).split(":")
+        there = socket.socket()
+        there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # data wait at their sender
+        there.setblocking(False)
+        await loop.sock_connect(there, (host, int(port)))
+        there_reader, there_writer = await asyncio.open_connection(sock=there, limit=4096)
         ways = (
             asyncio.ensure_future(pass_on(reader, there_writer.transport, lambda: delay.there)),
-            asyncio.ensure_future(pass_on(there_reader, writer.transport, lambda: delay.back)),
+            asyncio.ensure_future(
+                pass_on(there_reader, writer.transport, lambda: delay.back, lambda: delay.rate)
+            ),
         )
         try:
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)

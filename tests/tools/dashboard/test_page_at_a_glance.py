@@ -199,18 +199,22 @@ def test_the_greatest_speed_and_the_speed_are_seen_at_the_stick(
     eventually(lambda: "Hold the stick" in browser.text("#now"), "the hint again")
 
 
+_TELL = """
+globalThis.told = [];
+new MutationObserver((records) => {
+  for (const {target, oldValue} of records) {
+    const live = (target.closest ? target : target.parentElement)
+      ?.closest("[aria-live], [role=status], [role=alert]");
+    const changed = target.closest || target.data !== oldValue;
+    if (live && live.ariaLive !== "off" && changed) told.push(live.innerText);
+  }
+}).observe(document.body, {subtree: true, childList: true, characterDataOldValue: true});
+"""
+"""Collects what a screen reader tells."""
+
+
 def test_a_screen_reader_is_not_told_each_metre_of_a_drive(browser: Browser) -> None:
-    browser.driver.execute_script("""
-      globalThis.told = [];
-      new MutationObserver((records) => {
-        for (const {target, oldValue} of records) {
-          const live = (target.closest ? target : target.parentElement)
-            ?.closest("[aria-live], [role=status], [role=alert]");
-          const changed = target.closest || target.data !== oldValue;
-          if (live && live.ariaLive !== "off" && changed) told.push(live.innerText);
-        }
-      }).observe(document.body, {subtree: true, childList: true, characterDataOldValue: true});
-    """)
+    browser.driver.execute_script(_TELL)
     browser.choose_mark()
     browser.press("#go")
     eventually(lambda: browser.script("store.wayLeft.value"), "the way left")
@@ -220,3 +224,16 @@ def test_a_screen_reader_is_not_told_each_metre_of_a_drive(browser: Browser) -> 
     browser.script("(told = [])")
     eventually(lambda: float(browser.script("store.wayLeft.value || 0")) < begin - 1.5, "the way")
     assert len(browser.script("told")) < 5, browser.script("told")
+
+
+def test_a_screen_reader_is_not_told_each_second_of_silence(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.driver.execute_script(_TELL)
+    robot.inject("freeze")
+    eventually(lambda: "No data for 2 s" in browser.text("#notice"), "the silence")
+    assert "No data for 2 s" in browser.text("#link")
+    assert any("No data for" in each for each in browser.script("told"))
+    browser.script("(told = [])")
+    eventually(lambda: "No data for 5 s" in browser.text("#notice"), "more silence")
+    assert browser.script("told") == []

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -396,6 +397,23 @@ def test_what_was_about_to_be_done_on_a_map_ends_with_it(
 
     eventually(is_refused, "the refusal")
     assert count_tasks(robot) == 0
+
+
+def test_what_was_about_to_be_done_ends_with_a_change_of_the_map(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    def move_mark(simulator: Any) -> None:
+        area = simulator.chassis.map
+        moved = replace(area.marks["A2"], pose=area.marks["A1"].pose)
+        marks = {**area.marks, "A2": moved}
+        simulator.chassis.change_map(replace(area, version=area.version + 1, marks=marks))
+
+    browser.press("#marks li:nth-child(2) button")
+    eventually(lambda: browser.is_enabled("#go"), "Go")
+    assert browser.text("#now b").startswith("A2")
+    robot.call(move_mark)
+    eventually(lambda: not browser.is_enabled("#go"), "the end of what was chosen")
+    assert browser.script("store.target.value") is None
 
 
 def test_without_the_map_that_the_robot_uses_the_former_one_is_gone(
@@ -838,6 +856,11 @@ def test_codes_are_filtered_and_plots_have_the_history(
     assert 0 < faults <= found
     eventually(lambda: len(browser.elements("#plots canvas")) == 3, "plots")
     eventually(lambda: "93 %" in browser.text("#plots"), "the battery")
+    # the clock of the dashboard is set back
+    browser.script("""(
+      (connection.command = async () => ({ok: true, data: {samples: [[1e9, 0, 57, 5, false]]}})),
+      (store.sample.value = [1e9, 0, 57, 5, false]))""")
+    eventually(lambda: "57 %" in browser.text("#plots"), "the history anew")
 
 
 def test_the_trend_of_the_battery_begins_when_charging_last_changed(browser: Browser) -> None:

@@ -71,6 +71,9 @@ async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: Simulat
         await viewer.until(lambda parts: not parts["robot"]["task"]["running"])
         await viewer.give("goMark", mark="A2")
         assert last(chassis, ExecTask).mark_no == "A2"
+        await viewer.give("cancel")
+        await viewer.command("goMark", mark="A2", number=100_000)  # no kind of this scene
+        assert last(chassis, ExecTask).task_type_no == 100_000
 
 
 _ODD_TEXT = "请\u3000让开 \u200fא\u200e \U0001f468\u200d\U0001f527\u00a0!"
@@ -268,7 +271,7 @@ async def test_a_place_of_another_map_is_not_sent(
 ) -> None:
     place = {"mark": "A2"} if name == "goMark" else {"x": 0.0, "y": 0.0, "theta": 0.0}
     async with controlled(chassis) as viewer:
-        for other in ({"map": "scenex"}, {"scene": "scenex"}, {"map": None}):
+        for other in ({"map": "scenex"}, {"scene": "scenex"}, {"map": None}, {"version": -1}):
             reason = "the robot uses another map than the page has shown: wooshmap"
             answer = await viewer.command(name, **{**place, **other})
             assert answer == (False, f"{shown} was not sent: {reason}")
@@ -582,7 +585,8 @@ async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
         await viewer.ready()
         await eventually(lambda: running.robots[1].view.has_robot_info)
         clock = viewer.parts["clock"]
-        place = {"mark": "A2", "scene": "wooshmap", "map": "wooshmap"}
+        version = viewer.parts["robot"]["version"]
+        place = {"mark": "A2", "scene": "wooshmap", "map": "wooshmap", "version": version}
         reply, _ = await asyncio.gather(  # both are there when the dashboard reads the first one
             viewer.command_at(clock, name, **place), viewer.send(do="watch", robot=1)
         )

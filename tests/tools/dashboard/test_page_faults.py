@@ -8,6 +8,7 @@ import signal
 import socket
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -28,6 +29,10 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.simulator import SimulatorThread
 
 pytestmark = pytest.mark.timeout(300)
+
+
+_DISCONNECT = "(connection.connect = () => connection.socket, connection.socket.close())"
+"""Ends the connection of the page, which does not connect again."""
 
 
 def own_port() -> list[str]:
@@ -147,6 +152,55 @@ def test_over_a_slow_connection_nothing_drives_but_stop_works(
     window.press("#stop")
     eventually(lambda: "stopped" in window.text("#answer"), "the stop")
     assert robot.counts[full_name(Twist)] == 1
+
+
+def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Path) -> None:
+    marks = "".join(
+        f"      - {{number: M{n}, pose: [2, 2, 0], description: {'x' * 70}}}\n" for n in range(1900)
+    )
+    (tmp_path / "scene.yaml").write_text(
+        "name: hall\nmaps:\n  - name: ground\n    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
+        f"    marks:\n{marks}"
+    )
+    delay = Delay()
+    with SimulatedPage(scenes=(tmp_path,)) as robot:
+        port = robot.enter(delayed(robot.url, delay))
+        window.open(f"http://127.0.0.1:{port}/")
+        delay.rate = 40e3
+        former = window.script("store.you.value")
+        window.script("(store.map.value = null, connection.socket.close())")
+        eventually(lambda: window.script("store.you.value") != former, "the new connection")
+        eventually(lambda: window.script("store.map.value?.marks?.length === 1900"), "the map")
+        assert window.script("!store.outdated.value")
+        window.driver.get("about:blank")
+
+
+def test_an_alarm_is_not_ended_by_what_was_seen_before_the_loss(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.script(_DISCONNECT)
+    eventually(lambda: browser.script("store.problem.value"), "the loss")
+    browser.press("#stop")
+    eventually(lambda: browser.text("#alarm"), "the alarm")
+    robot.run(robot.enter(page(robot.url)).give("goMark", mark="A2"))
+    eventually(lambda: is_driving(robot), "a task of somebody else")
+    browser.script("delete connection.connect && void connection.connect()")
+    eventually(lambda: browser.script("store.pose.value.linear > 0.1"), "the drive in the page")
+    assert browser.text("#alarm")
+
+
+def test_a_page_whose_address_is_no_longer_valid_says_so(
+    chassis: SimulatorThread, window: Browser
+) -> None:
+    options = ["--host", "0.0.0.0", *own_port()]
+    with program(chassis, options=options) as (_, url):
+        window.open(f"http://127.0.0.1:{urlsplit(url).port}/?{urlsplit(url).query}")
+    eventually(lambda: "No connection to the dashboard" in window.text("#notice"), "the loss")
+    with program(chassis, options=options) as (_, url):  # with other tokens
+        eventually(lambda: "open the new address" in window.text("#notice"), "the refusal")
+        window.press("#stop")
+        eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
+        window.open(f"http://127.0.0.1:{urlsplit(url).port}/?{urlsplit(url).query}")
 
 
 def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: Browser) -> None:
@@ -409,7 +463,7 @@ def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
 ) -> None:
     served = serve({"robot_id": 7}, {"robot_id": 8})
     window.open(served.url)
-    window.script("(connection.connect = () => connection.socket, connection.socket.close())")
+    window.script(_DISCONNECT)
     eventually(lambda: window.script("store.problem.value"), "the loss")
     window.driver.execute_script("""
       document.querySelector("#stop").click();

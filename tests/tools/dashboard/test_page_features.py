@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.tools.dashboard.pages import controlled, dashboard, fetch, last, page, place
-from tests.tools.waiting import aio, eventually
+from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -29,7 +30,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import part_data
-from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_tokens
+from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_tokens, new_tokens
 
 _REAL_GROUPS = Path(__file__).parents[2] / "facts/real_scene/action_groups.json"
 
@@ -121,6 +122,38 @@ async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) ->
 
 
 @aio
+async def test_the_history_goes_on_when_the_clock_is_set(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = part_data.now
+    async with dashboard(chassis) as running:
+        robot = running.robots[0]
+        await eventually(lambda: len(robot.history["samples"]) > 1)
+        for hours in (-1, 1000):
+            known = len(robot.history["samples"])
+            monkeypatch.setattr(part_data, "now", lambda hours=hours: now() + 3_600_000 * hours)
+            await eventually(lambda known=known: len(robot.history["samples"]) > known + 1)
+            times = [each[0] for each in robot.history["samples"]]
+            steps = [after - before for before, after in itertools.pairwise(times)]
+            assert 0 < min(steps) <= max(steps) < TIMEOUT
+
+
+@aio
+async def test_a_robot_that_hangs_has_no_speed_in_the_history(chassis: SimulatorThread) -> None:
+    async with controlled(chassis) as viewer:
+        await viewer.give("goMark", mark="A2")
+        await viewer.until(lambda parts: parts["sample"][1] > 0.2)
+        chassis.inject("freeze")
+        await viewer.until(lambda parts: parts["link"]["silence"])
+        speeds = []
+        while len(speeds) < 2:
+            speeds.append((await viewer.until(lambda parts: parts.pop("sample", None)))[1])
+        assert viewer.parts["link"]["state"] == "connected"
+        assert 0.0 not in speeds
+        assert speeds[-1] is None
+
+
+@aio
 async def test_a_speed_limit_holds_for_tasks_and_for_the_stick(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.give("speedLimit", limit=0.2)
@@ -193,15 +226,17 @@ async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
 
 
 @aio
-async def test_a_card_that_cannot_be_made_is_logged(
+async def test_a_card_that_cannot_be_made_is_logged_and_not_shown_as_live(
     chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail() -> None:
         raise RuntimeError("there is no order")
 
-    async with dashboard(chassis) as running, page(running):
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.ready()
         running.robots[0].order = fail
         await eventually(lambda: "there is no order" in caplog.text)
+        await viewer.until(lambda parts: parts["link"]["state"] == "failed")
 
 
 @aio
@@ -238,6 +273,25 @@ async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
             changed = chassis.counts - before
             assert not {full_name(Twist), full_name(ExecTask)} & set(changed)
             await controlling.give("goMark", mark="A2")
+
+
+@aio
+async def test_without_control_the_address_to_control_only_shows(chassis: SimulatorThread) -> None:
+    tokens = new_tokens()
+    for control in (True, False, True):
+        async with dashboard(chassis, control=control, host="0.0.0.0", tokens=tokens) as running:
+            local = f"127.0.0.1:{place(running).rpartition(':')[2]}"
+            name = f"woosh_dashboard_{local.rpartition(':')[2]}"
+            sent = {"Cookie": f"{name}={tokens[Role.CONTROL]}"}
+            query = f"/?token={tokens[Role.CONTROL]}"
+            status, found, _ = await fetch(running, query, {"Host": local})
+            assert status == 200
+            assert tokens[Role.CONTROL] in found["set-cookie"]
+            async with page(running, **sent) as viewer:
+                await viewer.ready()
+                assert viewer.parts["hello"]["control"] is control
+                if not control:
+                    assert "with --control" in await viewer.refused("stop")
 
 
 def test_tokens_are_kept_in_a_file_that_only_its_owner_reads(tmp_path: Path) -> None:

@@ -476,6 +476,26 @@ def test_long_names_of_two_robots_leave_room_in_the_bar(serve: Serve, window: Br
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1440, 900)])
+def test_a_long_name_of_a_robot_can_be_read_on_its_card(
+    serve: Serve, window: Browser, width: int, height: int
+) -> None:
+    def rename(simulator: Any) -> None:
+        simulator.chassis.setting.identity.name = "north_hall_shelf_carrier_" * 3
+        simulator.drop()  # the name is requested after a reconnect
+
+    served = serve({}, _SECOND)
+    served.robots[0].call(rename)
+    open_observed(window, served.url, width, height)
+    window.show("fleet")
+    eventually(lambda: "carrier" in window.text("#fleet .card"), "the name")
+    cut = """[...document.querySelectorAll("#fleet .card *")].filter(
+      (each) => each.getBoundingClientRect().right > innerWidth ||
+        each.scrollWidth > each.clientWidth + 1 && each.clientWidth
+    ).map((each) => each.outerHTML)"""
+    assert window.script(cut) == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1440, 900)])
 def test_a_long_name_of_a_mark_can_be_read(
     window: Browser, tmp_path: Path, width: int, height: int
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
 import math
@@ -13,17 +14,24 @@ import pytest
 from PIL import Image
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import controlled, dashboard, fetch, page, say
+from tests.tools.dashboard.pages import Delay, controlled, dashboard, delayed, fetch, page, say
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, RobotState, ScannerData
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Twist
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    NavPath,
+    PoseSpeed,
+    RobotInfo,
+    RobotState,
+    ScannerData,
+)
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.part_data import (
     lanes_data,
+    points_data,
     pose_data,
     scan_frame,
     zones_data,
@@ -76,6 +84,18 @@ async def test_no_map_is_shown_but_the_one_that_the_robot_uses(chassis: Simulato
         assert set(area) == {"number", "error"}
         chassis.clear_faults()
         await viewer.until(lambda parts: parts["map"]["name"] == "scenex2")
+
+
+@aio
+async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThread) -> None:
+    async with controlled(chassis) as viewer:
+        await viewer.until(lambda parts: parts["map"]["marks"])
+        chassis.refuse(full_name(SceneData), "the scene is damaged")
+        await viewer.give("switchMap", scene="scenex", map="scenex2")
+        await viewer.until(lambda parts: parts["map"]["error"])
+        await viewer.give("switchMap", scene="wooshmap", map="wooshmap")
+        await viewer.until(lambda parts: parts["map"]["marks"] and not parts["map"]["error"])
+        assert viewer.parts["map"]["name"] == "wooshmap"
 
 
 @aio
@@ -267,6 +287,29 @@ async def test_a_robot_that_hangs_has_no_data(chassis: SimulatorThread) -> None:
 
 
 @aio
+async def test_a_robot_that_is_no_longer_updated_is_not_shown_as_live(
+    chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> None:
+        raise RuntimeError("an odd value")
+
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await viewer.ready()
+        running.robots[0].parts.add("path", fail)
+        link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
+        assert link["state"] == "failed"
+        assert "an odd value" in caplog.text
+        await viewer.until(lambda parts: parts["fleet"][0]["link"] == "failed")
+        assert "dashboard has failed" in await viewer.refused("goMark", mark="A2")
+        async with viewer.holds(0.3):
+            await viewer.until(lambda _: "dashboard has failed" in viewer.refusals[-1])
+        assert chassis.counts[full_name(ExecTask)] == chassis.counts[full_name(Twist)] == 0
+        await viewer.give("stop")
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.ready()  # it ends as usual
+
+
+@aio
 async def test_a_standing_robot_with_rare_scans_has_data(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, scan_rate=0.1) as running, page(running) as viewer:
         await viewer.ready()
@@ -299,6 +342,22 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
 
         await viewer.until(is_shown)
         assert seen == {0}
+
+
+@aio
+async def test_a_page_with_a_slow_connection_gets_the_newest_state(
+    chassis: SimulatorThread,
+) -> None:
+    delay = Delay()
+    async with (
+        dashboard(chassis) as running,
+        delayed(running, delay) as port,
+        page(running, port) as viewer,
+    ):
+        await viewer.ready()
+        delay.rate = 8e3  # a third of what it gets otherwise
+        await asyncio.sleep(15.0)
+        assert asyncio.get_running_loop().time() - viewer.parts["clock"] / 1000.0 < 6.0
 
 
 @aio
@@ -344,6 +403,16 @@ async def test_a_part_that_has_not_changed_is_not_encoded_again(
     assert len(encoded) == 2
     assert told == [{"map"}, {"map"}]
     assert json.loads(parts.messages["map"])["data"] == source[0]
+
+
+def test_a_path_with_fewer_points_keeps_its_ends() -> None:
+    path = NavPath()
+    for index in range(5000):
+        path.path.poses.add(x=float(index))
+    shown = points_data(path.path.poses)
+    assert (shown[0], shown[-1]) == ([0.0, 0.0], [4999.0, 0.0])
+    assert len(shown) <= 2000
+    assert [points_data(path.path.poses[:n]) for n in (0, 1)] == [[], [[0.0, 0.0]]]
 
 
 def test_the_points_of_all_zones_and_of_all_lanes_are_limited() -> None:

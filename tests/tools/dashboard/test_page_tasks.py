@@ -52,7 +52,8 @@ async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThrea
         assert (begun["type"], begun["by"]) == ("carry", viewer.parts["hello"]["you"])
         wanted = {"mark": "A2", "type": "carry", "direction": "feeding"}
         assert (begun["scene"], begun["map"]) == ("wooshmap", "wooshmap")
-        place = {"scene": "wooshmap", "map": "wooshmap"}
+        version = viewer.parts["robot"]["version"]
+        place = {"scene": "wooshmap", "map": "wooshmap", "version": version}
         assert begun["command"] == {"name": "goMark", "args": {**wanted, **place}}
         done = await newest(viewer, id=begun["id"], state="completed", running=False)
         assert 0 < begun["begun"] == done["begun"] < done["changed"] <= time.time() * 1000

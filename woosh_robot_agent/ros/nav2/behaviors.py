@@ -193,7 +193,6 @@ class AssistedTeleop(Nav2Action):
             robot.chassis,
             "cmd_vel_teleop",
             lambda: standard.settings().velocity_limits,
-            log_refusals=False,  # `RefusalLog` logs the refusals of all commands
         )
         self._clock = SenderClock()
         """Estimates when a velocity was published, because late ones are not sent."""

@@ -60,7 +60,6 @@ class CmdVel(Part):
             context.robot.chassis,
             "cmd_vel",
             lambda: context.settings().velocity_limits,
-            log_refusals=False,  # `RefusalLog` logs the refusals of all commands
         )
         stamped = context.settings().cmd_vel_stamped
         context.subscribe(

@@ -10,6 +10,7 @@ import math
 import os
 import re
 import secrets
+import socket
 from enum import Enum
 from http.cookies import CookieError
 from pathlib import Path
@@ -106,11 +107,11 @@ class Access:
     Args:
         host: the address that is listened on.
         is_encrypted: True if the page is served over HTTPS.
-        control: True if the role CONTROL exists.
+        control: True if the role CONTROL exists. Otherwise its token gives the role LOOK.
         tokens: token of each role, used only if other machines can connect.
 
     Attributes:
-        tokens: tokens of the existing roles; empty if only this machine can connect.
+        tokens: token of each role; empty if only this machine can connect.
         port: port that is listened on; set by the server once it listens, 0 before.
         scheme: `http` or `https`.
     """
@@ -118,9 +119,8 @@ class Access:
     def __init__(
         self, host: str, *, is_encrypted: bool, control: bool, tokens: dict[Role, str]
     ) -> None:
-        self._local_role = Role.CONTROL if control else Role.LOOK
-        roles = Role if control else (Role.LOOK,)
-        self.tokens = {} if is_local(host) else {role: tokens[role] for role in roles}
+        self._control = control
+        self.tokens = {} if is_local(host) else tokens
         self.scheme = "https" if is_encrypted else "http"
         self.port = 0
 
@@ -145,9 +145,9 @@ class Access:
 
     def role(self, request: web.BaseRequest) -> Role | None:
         """Return the role of the sender of a request; None if it has no valid token."""
-        if not self.tokens:
-            return self._local_role
-        return self._role_of(request.query.get("token", "")) or self._cookie_role(request)
+        given = self._role_of(request.query.get("token", "")) or self._cookie_role(request)
+        role = given if self.tokens else Role.CONTROL
+        return role if self._control or role is None else Role.LOOK
 
     def set_cookie(self, request: web.BaseRequest, response: web.Response) -> None:
         """Set the cookie if the address of a request has a token.
@@ -199,6 +199,10 @@ _INPUT_RATE = 16 * 1024
 _INPUT_BURST = 64 * 1024
 """Number of bytes that may arrive on a connection at once."""
 
+_MAX_WAITING = 4096
+"""Number of bytes that may wait for being sent on a WebSocket, in this process and in the system,
+before nothing more is sent."""
+
 
 class LimitedConnection(asyncio.Protocol):
     """A connection of a browser: passes everything on to aiohttp, with limits.
@@ -210,6 +214,9 @@ class LimitedConnection(asyncio.Protocol):
         inner: the protocol of aiohttp.
         opening: the connections of the server that are not WebSockets (yet), the oldest first, as
             an ordered set. Each connection adds and removes itself.
+
+    Attributes:
+        is_writable: set while hardly any data wait for being sent.
     """
 
     def __init__(self, inner: asyncio.Protocol, opening: dict[LimitedConnection, None]) -> None:
@@ -217,6 +224,8 @@ class LimitedConnection(asyncio.Protocol):
         self._opening = opening
         self._transport: asyncio.Transport
         """Set by `connection_made`."""
+        self.is_writable = asyncio.Event()
+        self.is_writable.set()
         self._allowance = float(_INPUT_BURST)
         """Number of bytes that may still arrive; it grows with time, up to `_INPUT_BURST`."""
         self._counted_at = -math.inf
@@ -233,8 +242,11 @@ class LimitedConnection(asyncio.Protocol):
         self._inner.connection_made(transport)
 
     def opened(self) -> None:
-        """Count as a WebSocket from now on."""
+        """Count as a WebSocket from now on. Data that wait for being sent would be outdated."""
         self._opening.pop(self, None)
+        self._transport.set_write_buffer_limits(_MAX_WAITING)
+        system = self._transport.get_extra_info("socket")
+        system.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _MAX_WAITING)
 
     def data_received(self, data: bytes) -> None:
         now = asyncio.get_running_loop().time()
@@ -254,7 +266,9 @@ class LimitedConnection(asyncio.Protocol):
         self._inner.connection_lost(error)
 
     def pause_writing(self) -> None:
+        self.is_writable.clear()
         self._inner.pause_writing()
 
     def resume_writing(self) -> None:
+        self.is_writable.set()
         self._inner.resume_writing()

@@ -45,8 +45,8 @@ _MAX_TEXT = 200
 """Maximum length of a text."""
 _MAX_COORDINATE = 1e5
 """Maximum coordinate, in metres."""
-_MAX_NUMBER = 1000
-"""Maximum number of a task kind, and of a light effect."""
+_MAX_NUMBER = 2**32 - 1
+"""Maximum number of a task kind, and of a light effect: that of the protocol."""
 
 
 class CommandError(ValueError):
@@ -210,8 +210,8 @@ class Command(NamedTuple):
             `CommandError` if the arguments are not valid.
         interrupts: True if the command only ends or interrupts a motion, so that it is never too
             old to be sent.
-        on_map: True if the command has a place or mark on a map. The arguments `scene` and `map`
-            name this map, and the robot must use it.
+        on_map: True if the command has a place or mark on a map. The arguments `scene`, `map` and
+            `version` name this map, and the robot must use it.
     """
 
     request: Callable[[Args, RobotInfo], Message]

@@ -154,7 +154,9 @@ class Control:
             start=lambda work: asyncio.get_running_loop().create_task(work, name="speed limit"),
             on_refused=lambda reason: robot.parts.changed(),
         )
-        self._stick = _Stick(self._gate, robot, self._stick_limits, self._stick_refused)
+        self._stick = VelocityDriver(
+            self._gate, robot.chassis, _STICK, self._stick_limits, self._stick_refused
+        )
         self._gate.on_answered(self._answered)
         self._gate.on_stop(self._stopped)
         last_known = robot.view.values
@@ -322,7 +324,8 @@ class Control:
     def _other_map(self, args: Args) -> Text | None:
         """Return the reason if the place of a command is not on the map that the robot uses."""
         used = self._robot.view.info.scene
-        if (args.get("scene"), args.get("map")) == (used.scene_name, used.map_name):
+        shown = tuple(map(args.get, ("scene", "map", "version")))
+        if shown == (used.scene_name, used.map_name, used.version):
             return None
         return Text("reason.otherMap", map=used.map_name)
 
@@ -443,20 +446,3 @@ def _speed_limit(args: Args) -> float | None:
     if args.get("limit") is None:
         return None
     return number(args, "limit", _HIGHEST_LIMIT, _LOWEST_LIMIT)
-
-
-class _Stick(VelocityDriver):
-    """A stream of velocities that tells refusals to the viewer instead of the log."""
-
-    def __init__(
-        self,
-        gate: MotionGate,
-        robot: Robot,
-        limits: Callable[[], VelocityLimits],
-        on_refused: Callable[[str], None],
-    ) -> None:
-        super().__init__(gate, robot.chassis, _STICK, limits, log_refusals=False)
-        self._on_refused = on_refused
-
-    def log_refusal(self, kind: str, reason: str) -> None:
-        self._on_refused(reason)

@@ -128,9 +128,11 @@ class MapSource:
         self._end_subscription()
         wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
         loop = asyncio.get_running_loop()
-        is_needed = bool(scene.scene_name) and wanted != self._shown
+        if not scene.scene_name or wanted == self._shown:
+            self._set_error("")  # of another map
+            return
         is_busy = self._picture_task is not None and not self._picture_task.done()
-        if not is_needed or is_busy or loop.time() < self._not_before:
+        if is_busy or loop.time() < self._not_before:
             return
         self._not_before = loop.time() + _RETRY_DELAY
         self._start(self._request(wanted))
@@ -152,7 +154,7 @@ class MapSource:
             self._on_change()
 
     async def _request(self, wanted: tuple[str, int, str, int]) -> None:
-        scene_name, map_id, map_name, _ = wanted
+        scene_name, map_id, map_name, version = wanted
         try:
             scene = await scene_data(self._chassis, scene_name)
             area = find_map(scene, map_id, map_name)
@@ -160,6 +162,7 @@ class MapSource:
             content = {
                 "scene": scene_name,
                 "name": map_name,
+                "version": version,
                 "marks": part_data.marks_data(area),
                 "zones": part_data.zones_data(area),
                 "lanes": part_data.lanes_data(area),
@@ -168,9 +171,7 @@ class MapSource:
             png, keepout = area.map_png, area.keepout_png
             self._set(await _picture(png, keepout, area.resolution, origin, content))
         except (LinkError, MapError) as error:
-            if self.error != str(error):
-                self.error = said_by(error)
-                self._on_change()
+            self._set_error(said_by(error))
             return
         self._shown = wanted
         # the next change of the map is shown at once; this one may have changed the list of scenes
@@ -195,6 +196,11 @@ class MapSource:
 
     def _start(self, work: Coroutine[Any, Any, None]) -> None:
         self._picture_task = asyncio.get_running_loop().create_task(work, name="map picture")
+
+    def _set_error(self, error: str) -> None:
+        if self.error != error:
+            self.error = error
+            self._on_change()
 
     def _set(self, picture: MapPicture) -> None:
         self.picture = picture

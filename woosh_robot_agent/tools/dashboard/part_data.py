@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.motion.wheel_owner import is_held_up, is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -91,6 +91,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "model": info.genral.display_model,
         "scene": info.scene.scene_name,
         "map": info.scene.map_name,
+        "version": info.scene.version,
         "state": enum_name(robot.State, info.state),
         "control": enum_name(robot.ControlMode, info.mode.ctrl) if info.HasField("mode") else None,
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
@@ -140,7 +141,6 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
     twist = info.pose_speed.twist
     return {
         "address": chassis.config.address,
-        "link": link_state(chassis),
         "silence": silence,
         "known": view.has_robot_info,
         "id": info.robot_id or info.genral.serial_number,
@@ -152,13 +152,6 @@ def card_data(view: RobotView, chassis: ChassisClient, silence: int) -> dict[str
         "level": enum_name(StatusCode.Level, worst),
         "battery": _battery(info),
     }
-
-
-def link_state(chassis: ChassisClient) -> str:
-    """Return the state of the link: `connected`, `lost`, or `not connected` if it never was."""
-    if chassis.state is LinkState.READY:
-        return "connected"
-    return "lost" if chassis.stats.connects else "not connected"
 
 
 def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
@@ -226,12 +219,14 @@ def task_state(report: TaskProc) -> str:
 def points_data(points: Any, max_points: int = _MAX_POINTS) -> list[list[float]]:
     """Return the x and y of points, in metres. Points that are not finite are left out.
 
-    If there are more than `max_points`, only every second, third etc. point is returned.
+    If there are more than `max_points`, only every second, third etc. point and the last one are
+    returned.
     """
-    step = math.ceil(len(points) / max_points) or 1
+    last = len(points) - 1
+    step = math.ceil(last / max_points) or 1
     return [
         [round(each.x, 3), round(each.y, 3)]
-        for each in points[::step]
+        for each in (*points[:last:step], *points[last:])
         if math.isfinite(each.x) and math.isfinite(each.y)
     ]
 

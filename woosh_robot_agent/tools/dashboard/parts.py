@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Set
+from collections.abc import Callable, Collection
 from typing import Any
 
 SCAN = "scan"
@@ -31,7 +31,7 @@ class Parts:
         """Names of the parts that were added with `on_change`."""
         self._each_second: list[str] = []
         """Names of the parts that were added with `each_second`."""
-        self._viewers: dict[object, Callable[[Set[str]], None]] = {}
+        self._viewers: dict[object, Callable[[Collection[str]], None]] = {}
         """Callbacks of the viewers."""
         self._changed = asyncio.Event()
         """Set by `changed`, until the parts are published."""
@@ -104,16 +104,16 @@ class Parts:
             self.publish(*self._each_second)
             await asyncio.sleep(1.0)
 
-    def watch(self, viewer: object, callback: Callable[[Set[str]], None]) -> None:
+    def watch(self, viewer: object, callback: Callable[[Collection[str]], None]) -> None:
         """Call `callback` with the names of parts that have changed, until `unwatch(viewer)`.
 
-        The first call comes at once, with all parts that have a message. The scan is not among
-        them, because the last scan may be old.
+        The first call comes at once, with all parts that have a message, in the order in which they
+        were published first. The scan is not among them, because the last scan may be old.
         """
         self._viewers[viewer] = callback
         self._watched.set()
         self.changed()
-        callback(self.messages.keys() - {SCAN})
+        callback([name for name in self.messages if name != SCAN])
 
     def unwatch(self, viewer: object) -> None:
         """Call the callback of a viewer no more; idempotent."""
@@ -130,7 +130,7 @@ class Parts:
         """Wait until there is a viewer."""
         await self._watched.wait()
 
-    def _tell(self, names: Set[str]) -> None:
+    def _tell(self, names: Collection[str]) -> None:
         if names:
             for callback in list(self._viewers.values()):
                 callback(names)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -46,8 +45,10 @@ M = TypeVar("M", bound=Message)
 
 SAMPLE_PERIOD = 2.0
 """Time between two samples of the history, in seconds."""
-_MAX_SAMPLES = 900
-"""Number of samples that are kept, for 30 minutes."""
+_HISTORY = 1800
+"""Time for which samples are kept, in seconds."""
+_GAP = 10
+"""Time between two samples beyond which the plots have a gap, in seconds."""
 _MAP_PERIOD = 1.0
 """Time between two checks whether the robot uses another map, in seconds."""
 _LISTEN_PERIOD = 0.1
@@ -120,7 +121,9 @@ class Robot:
         self._shared = shared
         self._scan_rate = scan_rate
         self._update_period = update_period
-        self._samples: deque[list[Any]] = deque(maxlen=_MAX_SAMPLES)
+        self._failed = False
+        """True if an unexpected error has ended the updates of the parts."""
+        self._samples: list[list[Any]] = []
         """Samples as returned by `_sample`, oldest first."""
         self._code_times: dict[tuple[int, ...], int] = {}
         """Times of the status codes on this computer's clock, as Unix time in ms, by `code_key`."""
@@ -161,10 +164,29 @@ class Robot:
             await asyncio.wait({self._running})
         await self.chassis.close()
 
+    def show_failure(self) -> None:
+        """Show that the parts are no longer updated, because of an unexpected error."""
+        self.silence, self._failed = 0, True
+        self.parts.publish("link")
+
     @property
     def no_data(self) -> Text | None:
-        """Reason that the robot has sent nothing for some seconds; None if it sends frames."""
+        """Reason why what is known of the robot is out of date; None if it is up to date."""
+        if self._failed:
+            return Text("link.failed")
         return Text("reason.noData", seconds=self.silence) if self.silence else None
+
+    @property
+    def link_state(self) -> str:
+        """State of the link: `connected`, `lost`, or `not connected` if it never was.
+
+        After an unexpected error it is `failed`, because the parts are no longer updated.
+        """
+        if self._failed:
+            return "failed"
+        if self.chassis.state is LinkState.READY:
+            return "connected"
+        return "lost" if self.chassis.stats.connects else "not connected"
 
     @property
     def _map_use(self) -> tuple[Scene, bool]:
@@ -180,7 +202,7 @@ class Robot:
     @property
     def history(self) -> dict[str, Any]:
         """Answer to the command `history`: the samples of the last half hour, as in `_sample`."""
-        return {"period": SAMPLE_PERIOD, "samples": list(self._samples)}
+        return {"period": SAMPLE_PERIOD, "samples": self._samples}
 
     async def plan(self, args: Args) -> dict[str, Any]:
         """Ask the robot how it would drive to a pose, without driving there.
@@ -215,11 +237,14 @@ class Robot:
         elif isinstance(message, RobotInfo):  # a new link: actions may have ended unseen
             self.view.actions.clear()
         self._note_code_times()
-        twist = self.view.info.pose_speed.twist
-        if math.isfinite(twist.linear):
-            self._fastest = max(self._fastest, abs(twist.linear))
+        self._note_speed()
         self.parts.changed()
         self._shared.changed()
+
+    def _note_speed(self) -> None:
+        speed = self.view.info.pose_speed.twist.linear
+        if math.isfinite(speed):
+            self._fastest = max(self._fastest, abs(speed))
 
     def _note_code_times(self) -> None:
         """Note the time of each new code, once: the robot's clock may jump later."""
@@ -243,26 +268,36 @@ class Robot:
         try:
             await asyncio.gather(*loops)
         except Exception:
-            _LOG.exception("the page no longer shows %s", self.chassis.config.address)
+            address = self.chassis.config.address
+            _LOG.exception("the page no longer updates %s; restart the dashboard", address)
+            self.show_failure()
         finally:
             await cancel_and_wait(*loops)
 
     async def _record_samples(self) -> None:
         while True:
-            self._samples.append(self._sample())
+            sample = self._sample()
+            begin, end = sample[0] - _HISTORY, sample[0]
+            # the clock may have been set
+            samples = [each for each in self._samples if begin < each[0] < end]
+            if samples and end - samples[-1][0] > _GAP:
+                samples.append([end - 1, None, None, None, None])
+            self._samples = [*samples, sample]
             await asyncio.sleep(SAMPLE_PERIOD)
 
     def _sample(self) -> list[Any]:
         """Return Unix time in s, speed in m/s, battery in percent, delay in ms, and if it charges.
 
-        All but the time may be None, for unknown. The speed is the greatest one since the
-        last sample; a sample with a speed resets it.
+        All but the time may be None, for unknown. The speed is the greatest one since the last
+        sample.
         """
         info, stats = self.view.info, self.chassis.stats
         moment = part_data.now() // 1000
-        if self.chassis.state is not LinkState.READY or not self.view.has_robot_info:
-            return [moment, None, None, None, None]
         speed, self._fastest = round(self._fastest, 3), 0.0
+        is_known = self.chassis.state is LinkState.READY and self.view.has_robot_info
+        if not is_known or self.silence:
+            return [moment, None, None, None, None]
+        self._note_speed()  # a robot that drives steadily may report its speed rarely
         has_battery = info.HasField("battery")
         battery = info.battery.power if has_battery else None
         charging = is_charging(info.battery) if has_battery else None
@@ -352,8 +387,8 @@ class Robot:
         # the text of an `OtherRobotError` has the remedy
         needs_advice = not ready and not isinstance(error, OtherRobotError)
         return {
-            "good": ready and not self.silence,
-            "state": part_data.link_state(chassis),
+            "good": ready and self.no_data is None,
+            "state": self.link_state,
             "since": int(chassis.since * 1000),
             "silence": self.silence if ready else 0,
             "error": "" if ready or error is None else value_data(said_by(error)),

@@ -178,8 +178,15 @@ class Dashboard:
             self._shared.publish_each_second(),
         ):
             task = loop.create_task(work, name="dashboard")
-            task.add_done_callback(_log_failure)
+            task.add_done_callback(self._show_failure)
             self._tasks.append(task)
+
+    def _show_failure(self, task: asyncio.Task[None]) -> None:
+        """Show on the page of each robot that a task of all pages has failed."""
+        if not task.cancelled() and (error := task.exception()):
+            _LOG.error("the page is no longer updated; restart the dashboard", exc_info=error)
+            for robot in self.robots:
+                robot.show_failure()
 
     async def close(self) -> None:
         """Stop each robot that a stick drives, stop listening, and close the links."""
@@ -223,6 +230,7 @@ class Dashboard:
         return [
             {
                 **part_data.card_data(each.view, each.chassis, each.silence),
+                "link": each.link_state,
                 "order": each.order(),
                 "task": control.tasks.running(),
                 "alarm": value_data(control.alarm.reason),
@@ -307,7 +315,12 @@ class Dashboard:
         self._viewer_count += 1
         may_control = self._access.role(request) is Role.CONTROL
         viewer = Viewer(
-            socket, transport, self._viewer_count, self._shared, may_control=may_control
+            socket,
+            transport,
+            connection.is_writable,
+            self._viewer_count,
+            self._shared,
+            may_control=may_control,
         )
         self._viewers.add(viewer)
         viewer.note(part="hello", data=self._hello(viewer))
@@ -466,11 +479,6 @@ class Dashboard:
         # only the dashboard of a simulator has such commands, and it shows only one robot
         self.robots[0].parts.changed()
         return outcome
-
-
-def _log_failure(task: asyncio.Task[None]) -> None:
-    if not task.cancelled() and (error := task.exception()):
-        _LOG.error("a part of the page is no longer updated", exc_info=error)
 
 
 def _reachable(host: str) -> str:

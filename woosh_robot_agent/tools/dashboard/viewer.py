@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Set
+from collections.abc import Collection
 from functools import partial
 from typing import Any
 
@@ -17,17 +17,21 @@ from woosh_robot_agent.tools.dashboard.texts import Text
 
 _MAX_NOTES = 100
 """Maximum number of waiting notes; a viewer with more waiting notes is disconnected."""
+_PIECE = 16_000
+"""Maximum length of a message with a part, in characters. A longer part is sent in pieces."""
 
 
 class Viewer:
     """Sends one viewer the parts of the robot that it watches, and notes.
 
     A note is a message that must not be left out, e.g. the reply to a command. A slow viewer gets
-    fewer messages: of each part only the newest one. It delays no other viewer.
+    fewer messages: of each part only the newest one. It delays no other viewer. Between the pieces
+    of a large part, e.g. the map, it gets other messages.
 
     Args:
         socket: the WebSocket.
         transport: connection of the WebSocket.
+        is_writable: set while the connection takes more messages.
         number: number of the viewer, from 1.
         shared: parts about all robots together, which every viewer watches.
         may_control: True if the viewer may command robots.
@@ -49,6 +53,7 @@ class Viewer:
         self,
         socket: web.WebSocketResponse,
         transport: asyncio.Transport,
+        is_writable: asyncio.Event,
         number: int,
         shared: Parts,
         *,
@@ -56,6 +61,7 @@ class Viewer:
     ) -> None:
         self._socket = socket
         self._transport = transport
+        self._is_writable = is_writable
         self._shared = shared
         address = transport.get_extra_info("peername")
         self.name = f"{number} ({address[0]})" if address else str(number)
@@ -68,8 +74,9 @@ class Viewer:
         self.ended_press = -1
         self._is_time_due = False
         """True if the time has to be sent."""
-        self._stale: dict[tuple[Parts, str], None] = {}
-        """Ordered set of the parts to send, as `Parts` object and name; the first change first."""
+        self._stale: dict[tuple[Parts, str], int] = {}
+        """The parts to send, as `Parts` object and name, in their order; how many characters of
+        each have been sent."""
         self._notes: list[str] = []
         """Notes to send."""
         self._wake = asyncio.Event()
@@ -140,6 +147,7 @@ class Viewer:
                 await self._wake.wait()
                 self._wake.clear()
                 while self._notes or self._is_time_due or self._stale:
+                    await self._is_writable.wait()
                     message = self._next()
                     if isinstance(message, str):
                         await self._socket.send_str(message)
@@ -157,9 +165,16 @@ class Viewer:
             self._is_time_due = False
             return f'{{"part":"clock","data":{int(asyncio.get_running_loop().time() * 1000.0)}}}'
         parts, name = next(iter(self._stale))
-        del self._stale[parts, name]
-        return parts.messages[name]
+        begin = self._stale.pop((parts, name))
+        message = parts.messages[name]
+        if isinstance(message, bytes) or len(message) <= _PIECE:
+            return message
+        end = begin + _PIECE
+        if end < len(message):
+            self._stale[parts, name] = end
+        head = {"part": name, "begin": begin, "last": end >= len(message)}
+        return f"{json.dumps(head)}\n{message[begin:end]}"
 
-    def _changed(self, parts: Parts, names: Set[str]) -> None:
-        self._stale.update(dict.fromkeys((parts, name) for name in names))
+    def _changed(self, parts: Parts, names: Collection[str]) -> None:
+        self._stale.update(dict.fromkeys(((parts, name) for name in names), 0))
         self._wake.set()

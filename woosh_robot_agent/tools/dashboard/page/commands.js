@@ -11,7 +11,7 @@ const STANDSTILL = 1000; // milliseconds for which a robot must stand still to e
 
 export const connection = new Connection(received, receivedScan, (problem) => {
   store.problem.value = problem;
-  checkAlarm();
+  standingSince = performance.now(); // a pose from before shows no standstill
 });
 
 /** The last sending of each command: its arguments, and when it was sent or answered. */
@@ -241,11 +241,11 @@ export async function confirmPose() {
   if (accepted && store.draft.value === pose) forgetTarget(); // not what the viewer has begun meanwhile
 }
 
-/** Names of the maps that are shown and used; they change with each of them. */
+/** Names and versions of the maps that are shown and used; they change with each of them. */
 export const mapNames = signal("");
 effect(() => {
-  const { known, scene, map } = store.robot.value ?? {};
+  const { known, scene, map, version } = store.robot.value ?? {};
   // after its restart, the dashboard does not know the robot at first
-  if (known !== false) mapNames.value = JSON.stringify([store.shownMap.value, scene, map]);
+  if (known !== false) mapNames.value = JSON.stringify([store.shownMap.value, scene, map, version]);
 });
 mapNames.subscribe(forgetPlaces); // places of one map mean nothing on another one

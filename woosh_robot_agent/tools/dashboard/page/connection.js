@@ -8,6 +8,7 @@ const SILENCE = 2000; // milliseconds without a message after which the shown da
 const GIVE_UP = 6000; // milliseconds without a message after which the connection counts as lost
 const CONNECT_TIMEOUT = 15000; // milliseconds
 const STOP_TIMEOUT = 2500; // milliseconds
+const FORBIDDEN = 403; // HTTP status
 const TOO_MANY_VIEWERS = 1013; // code with which the dashboard closes the connection
 
 export class Connection {
@@ -25,6 +26,8 @@ export class Connection {
     this.nextId = 1;
     /** @type {Map<number, (reply: Reply) => void>} by the id of the command */
     this.replies = new Map();
+    /** @type {Map<string, string>} the pieces of a large part that have come, by the name of the part */
+    this.pieces = new Map();
     this.isReady = false; // true once the dashboard knows which robot the page shows
     this.unsentStop = { id: 0, robot: "" }; // stop that waits for the connection; id 0 without one
     this.problem = "link.connecting";
@@ -60,15 +63,33 @@ export class Connection {
   /** @param {string | ArrayBuffer} data */
   received(data) {
     this.receivedAt = performance.now();
+    this.handle(data);
     if (this.problem) this.setProblem("");
+  }
+
+  /** @param {string | ArrayBuffer} data */
+  handle(data) {
     if (typeof data !== "string") {
       this.onScan(data);
       return;
     }
-    const message = JSON.parse(data);
-    if (message.part === "clock") this.clock = message.data;
+    const [head, piece] = data.split("\n");
+    const message = JSON.parse(head);
+    if (piece !== undefined) this.addPiece(message, piece);
+    else if (message.part === "clock") this.clock = message.data;
     else if (message.part === "reply") this.settle(message.id, message);
     else if (message.part) this.onPart(message.part, message.data);
+  }
+
+  /**
+   * Collect the pieces of a part, a text as in a message.
+   * @param {{part: string, begin: number, last: boolean}} head  begin: characters before this piece
+   * @param {string} piece
+   */
+  addPiece({ part, begin, last }, piece) {
+    const text = begin ? this.pieces.get(part) + piece : piece;
+    this.pieces.set(part, last ? "" : text);
+    if (last) this.handle(text);
   }
 
   /**
@@ -88,6 +109,17 @@ export class Connection {
     if (shown !== Math.max(0, stopped)) this.watch(shown);
   }
 
+  /** Show why there is no connection. The browser does not say why it has failed. */
+  async findProblem() {
+    if (this.problem !== "link.refused") this.setProblem("link.noDashboard");
+    const status = await fetch(".").then(
+      (response) => response.status,
+      () => 0, // no dashboard
+    );
+    if (!["link.noDashboard", "link.refused"].includes(this.problem)) return; // connected meanwhile
+    this.setProblem(status === FORBIDDEN ? "link.refused" : "link.noDashboard");
+  }
+
   reconnect() {
     this.lost(false);
     this.connect();
@@ -99,7 +131,8 @@ export class Connection {
    */
   lost(dismissed) {
     this.isReady = false;
-    this.setProblem(dismissed ? "link.dismissed" : "link.noDashboard");
+    if (dismissed) this.setProblem("link.dismissed");
+    else this.findProblem();
     for (const id of [...this.replies.keys()]) {
       if (id !== this.unsentStop.id) this.settle(id, failure("reason.connectionLost"));
     }

@@ -20,6 +20,7 @@ import { batch, computed, effect, signal } from "./vendor/preact.js";
  * @property {string} model
  * @property {string} scene
  * @property {string} map
+ * @property {number} version of the map
  * @property {string} state what it does, e.g. `idle`
  * @property {string | null} control mode: `auto`, `manual` or `maintain`
  * @property {string | null} work mode: `task`, `deploy` or `schedule`
@@ -63,6 +64,7 @@ import { batch, computed, effect, signal } from "./vendor/preact.js";
  * @property {import("./texts.js").Value} error why the map, or a part of it, cannot be shown; may be empty
  * @property {string} [scene]
  * @property {string} [name]
+ * @property {number} [version] another one after each change of the map
  * @property {number} [resolution] metres per pixel; absent without a picture
  * @property {Pose} [origin] of the picture's lower left corner
  * @property {boolean} [keepout] true if there is a picture of the keep-out areas
@@ -292,12 +294,13 @@ export const held = computed(() => {
   return stickVelocity(right, up);
 });
 
-/** Scene and map that are shown; without a picture, those that the robot uses. */
-export const shownMap = computed(() =>
-  map.value?.resolution
-    ? { scene: map.value.scene ?? "", map: map.value.name ?? "" }
-    : { scene: robot.value?.scene ?? "", map: robot.value?.map ?? "" },
-);
+/** Scene, map and version that are shown; without a picture, those that the robot uses. */
+export const shownMap = computed(() => {
+  const { scene = "", name = "", version = 0, resolution } = map.value ?? {};
+  if (resolution) return { scene, map: name, version };
+  const used = robot.value;
+  return { scene: used?.scene ?? "", map: used?.map ?? "", version: used?.version ?? 0 };
+});
 
 /** True if what is shown of the robot may be out of date. */
 export const outdated = computed(() => problem.value !== "" || !link.value?.good);
@@ -407,6 +410,7 @@ export function receive(name, data) {
         map.value = null; // the new process may use the map's number for another map
       }
       process = data.process;
+      link.value = null; // until its parts come, what is shown of the robot is out of date
       you.value = data.you;
       lostControl.value = !data.control && (lostControl.value || mayControl.value);
       mayControl.value = data.control;

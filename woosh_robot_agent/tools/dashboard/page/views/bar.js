@@ -5,7 +5,15 @@ import { chooseRobot, openTab, stop, tell } from "../commands.js";
 import * as store from "../store.js";
 import { alarmCount, LANGUAGES, language, setLanguage, t, tOr } from "../texts.js";
 import { wrongCount, wrongTone } from "./notices.js";
-import { Icon, linkText, robotLabel, robotName, shortLabel, workText } from "./parts.js";
+import {
+  Icon,
+  linkText,
+  robotLabel,
+  robotName,
+  shortLabel,
+  withQuietNumbers,
+  workText,
+} from "./parts.js";
 
 export function Bar() {
   return html`<header class="bar">
@@ -50,7 +58,7 @@ function LinkChip() {
   const delay = store.link.value?.delay;
   return html`<div class="chip ${good ? "" : "bad"}" id="link" role="status" title=${long}>
     <span class="dot ${good ? "ok" : "bad"}"></span>
-    <span class=${good ? "wide" : ""}>${short}</span>
+    <span class=${good ? "wide" : ""}>${withQuietNumbers(short)}</span>
     ${good && delay !== null && html`<small class="wide delay" aria-live="off">${delayText(delay ?? 0)}</small>`}
   </div>`;
 }

@@ -107,6 +107,16 @@ export function linkText() {
 }
 
 /**
+ * Return a text of which a screen reader is not told when only its numbers change, e.g. seconds.
+ * @param {string} text
+ */
+export function withQuietNumbers(text) {
+  return text
+    .split(/(\d+)/)
+    .map((each, index) => (index % 2 ? html`<span aria-live="off">${each}</span>` : each));
+}
+
+/**
  * Return the alarm of robots whose stop is not confirmed.
  * @param {string[]} robots addresses
  */

@@ -178,7 +178,7 @@ function Light() {
           id="effect"
           type="number"
           min="0"
-          max="1000"
+          max="4294967295"
           value=${effect}
           onInput=${(/** @type {any} */ e) => setEffect(Number(e.currentTarget.value))}
         />

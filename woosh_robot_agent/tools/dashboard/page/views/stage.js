@@ -7,7 +7,7 @@ import * as store from "../store.js";
 import { clock, say, t } from "../texts.js";
 import { notices, otherProblems } from "./notices.js";
 import { useMatches } from "./panel.js";
-import { alarmText, Icon, mapText, ofRobot, placeText, tiny } from "./parts.js";
+import { alarmText, Icon, mapText, ofRobot, placeText, tiny, withQuietNumbers } from "./parts.js";
 import { outcomeText, TONES } from "./tasks.js";
 
 /** @type {Record<string, [string, string][]>} how each layer looks: paths in 24 x 24 pixels with their style */
@@ -226,7 +226,7 @@ function Notices() {
       notice &&
       html`<section class="notice ${notice.tone}" id="notice" role="status">
         <details key=${key} open=${!isTiny}>
-          <summary><${Icon} name="alarm" /><b>${notice.title}</b></summary>
+          <summary><${Icon} name="alarm" /><b>${withQuietNumbers(notice.title)}</b></summary>
           <p>${notice.text}</p>
         </details>
         <div class="actions">

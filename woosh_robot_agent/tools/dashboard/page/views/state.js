@@ -38,8 +38,9 @@ effect(() => {
   const sample = /** @type {Sample | null} */ (store.sample.value);
   const known = samples.peek();
   const last = known.at(-1);
-  if (!sample || !last || sample[0] <= last[0]) return;
-  if (sample[0] - last[0] > GAP) loadHistory();
+  if (!sample || !last || sample[0] === last[0]) return;
+  const step = sample[0] - last[0]; // negative if the clock was set back
+  if (step < 0 || step > GAP) loadHistory();
   else samples.value = [...known.slice(1 - MAX_SAMPLES), sample];
 });
 
