@@ -182,7 +182,8 @@ def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(robot: Robot, both
     remove()
     hurry(robot.chassis)
     assert new.result()[0] == (CANCELED if both else SUCCEEDED)
-    assert robot.chassis.counts[ACTION_ORDER] == both
+    # a cancel of both does not wait for the answer, and may have come before the newer goal
+    assert robot.chassis.counts[ACTION_ORDER] == (2 if both else 0)
 
 
 @pytest.mark.parametrize("turn", range(5))

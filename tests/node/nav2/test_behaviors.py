@@ -192,10 +192,10 @@ class TestAssistedTeleop:
         """Publisher of velocities, known to the agent."""
         return client.publisher(Twist, "cmd_vel_teleop")
 
-    def drive(self, velocities: Any, simulator: SimulatorThread) -> None:
+    def drive(self, velocities: Any, simulator: SimulatorThread, axis: str = "x") -> None:
         """Publish velocities until the robot drives."""
         velocity = Twist()
-        velocity.linear.x = 0.3
+        setattr(velocity.linear, axis, 0.3)
 
         def drives() -> bool:
             velocities.publish(velocity)
@@ -209,6 +209,25 @@ class TestAssistedTeleop:
         goal = Nav2Client(client, "assisted_teleop")
         self.drive(velocities, simulator)
         goal.feedback.wait(lambda each: each.current_teleop_duration.nanosec)
+        goal.cancel()
+        assert goal.result()[0] == CANCELED
+        assert stands(simulator)
+
+    @pytest.mark.parametrize("axis", ["x", "y"])
+    def test_it_ends_only_when_a_robot_that_rolls_on_stands(
+        self, client: Client, simulator: SimulatorThread, velocities: Any, axis: str
+    ) -> None:
+        """PoseSpeed has no sideways speed, so only the poses tell of that."""
+
+        def roll_on(base: Any) -> None:
+            base._rolls_for, base._stops_below = 0.3, 0.02
+
+        slow_down(simulator)
+        simulator.call(lambda sim: roll_on(sim.chassis.base))
+        poses = client.echo(PoseSpeed, "robot/PoseSpeed")
+        goal = Nav2Client(client, "assisted_teleop")
+        self.drive(velocities, simulator, axis)
+        poses.wait_count(len(poses.messages) + 2)
         goal.cancel()
         assert goal.result()[0] == CANCELED
         assert stands(simulator)

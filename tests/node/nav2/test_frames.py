@@ -136,6 +136,18 @@ class TestFrames:
         assert text in path.refusal(logs)
         assert simulator.counts["woosh.ros.CallAction"] == 0
 
+    def test_a_pose_that_only_its_frame_makes_too_large_is_refused(
+        self, client: Client, simulator: SimulatorThread, logs: Logs, static: Callable[..., None]
+    ) -> None:
+        """The running goal goes on."""
+        slow_down(simulator)
+        running = go(client, ahead(3.0))
+        simulator.wait_received(CALL_ACTION)
+        static(transform("base_link", "far", (3e38, 0.0, 0.0)))
+        assert "too large" in go(client, pose(3e38, 0.0, frame="far")).refusal(logs)
+        hurry(simulator)
+        assert running.result()[0] == SUCCEEDED
+
     @pytest.mark.parametrize("by_id", [False, True], ids=["all goals", "its id"])
     def test_a_goal_is_cancelled_while_it_waits_for_its_frame(
         self, client: Client, simulator: SimulatorThread, static: Callable[..., None], by_id: bool

@@ -18,6 +18,7 @@ from tests.node.goals import (
     CANCEL,
     EXECUTING,
     START,
+    Held,
     feedbacks,
     hurry,
     in_front,
@@ -175,6 +176,27 @@ def test_the_robot_stands_if_the_chassis_refuses_the_goal_that_replaces_another(
     assert first.result()[0] == ABORTED
     assert stands(simulator)
     assert distance_to(simulator, 5.0) > 2.0
+
+
+@pytest.mark.parametrize("both", [False, True], ids=["the new goal", "both goals"])
+def test_a_cancel_does_not_wait_until_the_chassis_has_answered_the_goal(
+    client: Client, simulator: SimulatorThread, both: bool
+) -> None:
+    """The goal replaces another one, and the chassis does not report the end of that either."""
+    first = driving(client, simulator)
+    simulator.intercept(without_reports)
+    held = Held(simulator, CALL_ACTION)
+    second = go(client, 4.0)
+    wait_until(lambda: len(drives(simulator)) == 2, "the chassis gets both goals")
+    if both:
+        first.cancel()
+    second.cancel()
+    wait_until(
+        lambda: action_pb2.kCancel in drives(simulator), "the chassis gets a cancel", timeout=6.0
+    )
+    held.release()
+    assert second.result()[0] == CANCELED
+    assert first.result()[0] == ABORTED
 
 
 @pytest.mark.parametrize(

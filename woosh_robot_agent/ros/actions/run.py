@@ -51,6 +51,8 @@ from woosh_robot_agent.ros.actions.goal import (
 )
 
 _LOG = logging.getLogger(__name__)
+_CHECK_PERIOD = 0.1
+"""Period of the check whether newer goals are to be cancelled, in seconds."""
 
 # Texts of the results of aborted goals
 REPLACED = "replaced by a newer goal that the chassis accepted"
@@ -141,6 +143,11 @@ class GoalRun:
     def name(self) -> str:
         """Name under which the chassis reports on the goal."""
         return self._kind.name
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """True once the client has requested a cancel."""
+        return self._cancellation.requested
 
     @property
     def was_accepted(self) -> bool | None:
@@ -489,12 +496,22 @@ class OpenGoals(list[GoalRun]):
             older.post(Replaced())
 
     async def newer_accepted(self, goal: GoalRun) -> bool:
-        """Return True if the chassis accepts a newer goal; wait until it has decided."""
+        """Return True if the chassis accepts a newer goal; wait until it has decided.
+
+        If both goals are to be cancelled, do not wait for its decision: until then, the robot would
+        drive on, and a cancel cannot hit a goal that anybody wants.
+        """
         while True:
             newer = self[self.index(goal) + 1 :]
             if any(other.was_accepted for other in newer):
                 return True
-            pending = [other.accepted for other in newer if other.was_accepted is None]
+            pending = [
+                other.accepted
+                for other in newer
+                if other.was_accepted is None
+                and not (goal.is_cancel_requested and other.is_cancel_requested)
+            ]
             if not pending:
                 return False
-            await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
+            # not for ever: a cancel of the newer goals may be requested meanwhile
+            await asyncio.wait(pending, timeout=_CHECK_PERIOD, return_when=asyncio.FIRST_COMPLETED)

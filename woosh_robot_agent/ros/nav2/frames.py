@@ -174,6 +174,7 @@ class Frames:
         pose = origin * _transform(stamped.pose.position, stamped.pose.orientation)
         stamped.header.frame_id = map_frame
         stamped.pose = to_pose(pose.in_plane)
+        from_pose(stamped.pose)  # the transform may have made it too large
 
     async def _find(self, frame: str) -> Transform:
         """Return the pose of a frame in the map; wait for transforms on /tf.

@@ -184,7 +184,8 @@ class Nav2Goal:
         self._chassis_goal: AgentGoal | None = None
         """The goal that the chassis executes for this one now."""
         self._older: Nav2Goal | None = None
-        """The navigation that this goal replaces when the chassis accepts this goal; or None."""
+        """The navigation that this goal replaces when the chassis accepts this goal; None without
+        one, and once the chassis has decided."""
         self._timer: asyncio.TimerHandle | None = None
         """Timer of the last `set_timeout`; None before the first."""
 
@@ -216,11 +217,15 @@ class Nav2Goal:
             self._reason.set_result(reason)
 
     def stop(self, reason: GoalEnd) -> None:
-        """End the goal for a reason, unless it is already ending; cancel the chassis's goal."""
+        """End the goal for a reason, unless it is already ending; cancel the chassis's goal.
+
+        If the chassis has not accepted that yet, the navigation before is cancelled, too.
+        """
         self.send_no_more(reason)
         self.is_cancelled = True
         if self._chassis_goal is not None:
             self._chassis_goal.cancel()
+        self._stop_older()
 
     def set_timeout(self, seconds: float, reason: GoalEnd) -> None:
         """End the goal for a reason after a time; 0 or less is no limit."""
@@ -276,14 +281,7 @@ class Nav2Goal:
         sent = asyncio.get_running_loop().time()
         chassis_goal = self._context.actions.start(command, on_report, self._published)
         self._chassis_goal, self._published = chassis_goal, None
-        if (older := self._older) is not None:
-            self._older = None
-
-            def stop_unless_replaced(accepted: asyncio.Future[bool]) -> None:
-                if not accepted.result():
-                    older.stop(GoalEnd(_REPLACED))
-
-            chassis_goal.accepted.add_done_callback(stop_unless_replaced)
+        chassis_goal.accepted.add_done_callback(self._decided)
         try:
             await self._repeat(tick, chassis_goal.ended, is_done)
         except Exception:  # a defect of `tick` or `is_done` must not leave the robot driving
@@ -306,6 +304,17 @@ class Nav2Goal:
             raise reason
         # the cancel had no effect: the text of the failure says that the robot may go on
         raise await self._failure(end, sent)
+
+    def _decided(self, accepted: asyncio.Future[bool]) -> None:
+        """The chassis has accepted a command of this goal, or never will."""
+        if not accepted.result():
+            self._stop_older()
+        self._older = None
+
+    def _stop_older(self) -> None:
+        """Stop the navigation that this goal was to replace, if it may still be driving."""
+        if self._older is not None:
+            self._older.stop(GoalEnd(_REPLACED))
 
     async def _failure(self, end: End, sent: float) -> FailedCommand:
         """Return the failure of a command that was sent at a loop time."""
@@ -377,8 +386,7 @@ class Nav2Goal:
     def finish(self, reason: GoalEnd | None) -> None:
         """End the goal: with success if the reason is None."""
         self.clear_timeout()
-        if self._older is not None:  # this goal sent no command, so the older one is still driving
-            self._older.stop(GoalEnd(_REPLACED))
+        self._stop_older()  # it is still driving if this goal has sent no command
         result = self.result
         if hasattr(result, "total_elapsed_time"):
             result.total_elapsed_time = to_duration(self.elapsed)

@@ -33,7 +33,7 @@ class RobotPose:
 
     Attributes:
         pose: the pose in the map; None while the pose is not known.
-        velocity: the velocity in the robot's frame.
+        velocity: the velocity in the robot's frame; sideways, that since the report before.
         received: loop time of the last report.
     """
 
@@ -88,9 +88,13 @@ class RobotPose:
             check_finite("speed", report.twist.linear, report.twist.angular)
         except ValueError:  # the part `odom` of the standard layer counts and logs it
             return
+        now = asyncio.get_running_loop().time()
+        left = 0.0  # the robot does not report its sideways speed
+        if self.pose is not None and now > self.received:
+            left = pose.seen_from(self.pose).arc.left / (now - self.received)
         self.pose = pose
-        self.velocity = Velocity(report.twist.linear, 0.0, report.twist.angular)
-        self.received = asyncio.get_running_loop().time()
+        self.velocity = Velocity(report.twist.linear, left, report.twist.angular)
+        self.received = now
         if self._published is not None:
             moved = pose.seen_from(self._published)
             if moved.distance < _MIN_DISTANCE and abs(moved.theta) < _MIN_TURN:
