@@ -13,10 +13,12 @@ from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, answered, block, eve
 from tests.motion.gate_checks import (
     NEVER,
     ORDERS,
+    RUNNING,
     TWIST,
     answer_all,
     answer_nothing,
     every_moving_request,
+    feedback,
     gated,
     ok,
     speeds,
@@ -214,6 +216,34 @@ async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
         assert not report.success
         assert report.message.startswith("stopped; ")
         assert "cancel of task: the chassis did not answer" in report.message
+        assert report.message.endswith("press its emergency stop")
+
+
+@pytest.mark.parametrize(
+    ("reports", "body", "what"),
+    [
+        ("woosh.robot.TaskProc", RUNNING, "task"),
+        ("woosh.ros.Feedbacks", feedback("StepControl", "kRosExecuting"), "StepControl"),
+    ],
+)
+@aio
+async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_drives(
+    reports: str, body: Frame, what: str
+) -> None:
+    async def refuse_cancels(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == TWIST or "sn" not in frame:
+            return await answer_all(wire, frame)
+        if is_request := frame["type"] != "woosh.robot.RobotInfo":
+            await wire.answer(frame, ok=False, msg="Request failed")
+        return is_request
+
+    async with gated(refuse_cancels) as rig:
+        assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing was running"
+        await rig.wire.push(reports, body)
+        await eventually(lambda: rig.gate.owner)
+        report = await soon(rig.gate.stop(TIMEOUT))
+        assert not report.success
+        assert report.message.startswith(f"NOT STOPPED: cancel of {what}: Request failed; ")
         assert report.message.endswith("press its emergency stop")
 
 

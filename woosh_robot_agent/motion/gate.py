@@ -84,10 +84,12 @@ class StopReport:
     Attributes:
         zero: the answer to the zero velocity, or the error if there is none.
         cancels: the answer or error of each cancel request, by the name of the task or action.
+        running: names of what the chassis refused to cancel, and still reports as driving.
     """
 
     zero: Answer | LinkError
     cancels: dict[str, Answer | LinkError]
+    running: tuple[str, ...] = ()
 
     @property
     def success(self) -> bool:
@@ -95,13 +97,14 @@ class StopReport:
 
         The chassis refuses to cancel something that is not running, which is no failure.
         """
-        return _is_ok(self.zero) and not self._unanswered_cancels
+        return _is_ok(self.zero) and not self.running and not self._unanswered_cancels
 
     @property
     def message(self) -> str:
         """Human-readable result, with advice if the stop failed."""
-        stopped = _is_ok(self.zero)
-        parts = [_DONE() if stopped else _NOT_STOPPED(reason=_reason(self.zero))]
+        stopped = _is_ok(self.zero) and not self.running
+        reason = self._failed(self.running[0]) if self.running else _reason(self.zero)
+        parts = [_DONE() if stopped else _NOT_STOPPED(reason=reason)]
         # the chassis may accept the end of a following that it was not doing
         cancelled = [
             name for name, answer in self.cancels.items() if _is_ok(answer) and name != _FOLLOW
@@ -117,10 +120,14 @@ class StopReport:
     def _unanswered_cancels(self) -> list[Said]:
         """Texts about the cancel requests without an answer."""
         return [
-            _CANCEL_LOST(what=_name(name), reason=said_by(answer))
+            self._failed(name)
             for name, answer in self.cancels.items()
             if isinstance(answer, LinkError)
         ]
+
+    def _failed(self, name: str) -> Said:
+        """Return the text about a cancel request that failed."""
+        return _CANCEL_FAILED(what=_name(name), reason=_reason(self.cancels[name]))
 
 
 def _is_ok(answer: Answer | LinkError) -> bool:
@@ -139,7 +146,7 @@ def _name(what: str) -> str:
 _DONE = Sentence("stop.done", "stopped")
 _NOT_STOPPED = Sentence("stop.not", "NOT STOPPED: {reason}")
 _CANCELLED = Sentence("stop.cancelled", "{what} cancelled")
-_CANCEL_LOST = Sentence("stop.cancelLost", "cancel of {what}: {reason}")
+_CANCEL_FAILED = Sentence("stop.cancelLost", "cancel of {what}: {reason}")
 _ADVICE = Sentence("stop.advice", "if the robot moves, press its emergency stop")
 _TASK = Sentence("stop.task", "task")
 _LOG = logging.getLogger(__name__)
@@ -303,7 +310,13 @@ class MotionGate:
         zero, *cancels = reversed(answers)
         if isinstance(zero, Answer) and not zero.ok:
             zero = await self._send_first(Twist(), timeout)
-        return StopReport(zero, dict(zip(orders, cancels, strict=True)))
+        answered = dict(zip(orders, cancels, strict=True))
+        running = tuple(
+            name
+            for name, answer in answered.items()
+            if isinstance(answer, Answer) and not answer.ok and self._reported_owner.drives(name)
+        )
+        return StopReport(zero, answered, running)
 
     async def close(self, timeout: float) -> None:
         """Refuse all further motion, and stop the robot if it may be driving at a velocity.
