@@ -35,7 +35,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
 from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, Twist
 
 REASON = "the settings of the link have changed"
 
@@ -245,6 +245,54 @@ async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_drives(
         assert not report.success
         assert report.message.startswith(f"NOT STOPPED: cancel of {what}: Request failed; ")
         assert report.message.endswith("press its emergency stop")
+
+
+@pytest.mark.parametrize("answered_first", [True, False])
+@aio
+async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancelled(
+    answered_first: bool,
+) -> None:
+    """The chassis refuses to cancel a task that it has accepted and not begun."""
+    begun = False
+    starts: list[Frame] = []
+
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == "woosh.robot.ExecTask" and not answered_first:
+            starts.append(frame)
+            return True
+        is_cancel = frame["type"] in ("woosh.robot.ActionOrder", "woosh.ros.CallAction")
+        if is_cancel and not begun:
+            await wire.answer(frame, ok=False, msg="Request failed")
+            return True
+        return await answer_all(wire, frame)
+
+    async with gated(chassis, begin=NEVER) as rig:
+        start = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
+        await eventually(lambda: "woosh.robot.ExecTask" in types(rig.wire))
+        if answered_first:
+            await soon(start)
+        assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing runs yet"
+        for frame in starts:
+            await rig.wire.answer(frame)
+        await soon(start)
+        begun = True
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: "woosh.robot.ActionOrder" in types(rig.wire)[sent:])
+        await eventually(lambda: len(types(rig.wire)) == sent + ORDERS - 1)
+
+
+@aio
+async def test_what_is_started_after_a_stop_is_not_cancelled() -> None:
+    async with gated(hold=0.0, begin=NEVER) as rig:
+        await ok(rig.gate.request(ExecTask(task_id=6)))
+        await soon(rig.gate.stop(TIMEOUT))
+        await ok(rig.gate.request(ExecTask(task_id=7)))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        await turns()
+        assert len(types(rig.wire)) == sent
 
 
 # The agent ends

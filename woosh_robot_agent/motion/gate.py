@@ -7,7 +7,8 @@
 3. Nothing is sent twice. The gate does not retry, and a request that was made without a link, or
    before the link was lost, is not sent after a reconnect.
 4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, those that
-   arrive shortly after the stop, and those that a client sent before it, are not sent.
+   arrive shortly after the stop, and those that a client sent before it, are not sent. What was
+   started from here just before the stop is cancelled again if it begins just after it.
 5. A closed gate sends nothing that moves the robot. On closing, it sends a zero velocity if the
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
@@ -45,6 +46,7 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import call_logged
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
 from woosh_robot_agent.motion.wheel_owner import WheelOwner
@@ -237,6 +239,8 @@ class MotionGate:
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
         """Monotonic time at which the chassis last accepted a task or driving action from here."""
+        self._start_sent = -math.inf
+        """Monotonic time at which that start was sent."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -428,13 +432,14 @@ class MotionGate:
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + self.timing.driving
+        sent = time.monotonic()
         answer = await self._send(message, how)  # rule 3: once
         if not answer.ok:
             if message is self._unanswered_at_start and message is self._last_velocity:  # rule 6
                 self._drives_until = -math.inf
             return answer
         if takes_wheels(message):  # rule 6
-            self._wheels_taken = time.monotonic()
+            self._wheels_taken, self._start_sent = time.monotonic(), sent
             if self._last_velocity is velocity_before:
                 self._drives_until = -math.inf
             else:  # the last velocity was sent after this command
@@ -492,6 +497,9 @@ class MotionGate:
 
     def _start_reported(self) -> None:
         """Note that a task or an action drives the robot, and no longer an earlier velocity."""
+        stopped, begin = self._stop_called, self.timing.begin
+        if stopped - begin < self._start_sent < stopped and time.monotonic() < stopped + begin:
+            start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if time.monotonic() < self._wheels_taken + self.timing.driving:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
             # that was sent between the acceptance and this report drives the robot.
@@ -500,6 +508,17 @@ class MotionGate:
             self._unanswered_at_start = self._last_velocity
         else:  # rule 6
             self._drives_until = -math.inf
+
+    async def _cancel_late_start(self) -> None:
+        """Cancel what was started before the last stop, and has begun after it.
+
+        The cancels of the stop may have come too early, and then have no effect.
+        """
+        _LOG.warning("what was started just before the last stop has begun after it: cancelling it")
+        orders = [self._send_first(each, self.timing.begin) for each in cancel_orders().values()]
+        answers = await asyncio.gather(*orders)
+        if not any(map(_is_ok, answers)):
+            _LOG.error("it was not cancelled: %s; %s", _reason(answers[0]), _ADVICE())
 
     def _link_changed(self, state: LinkState) -> None:
         if state in (LinkState.CONNECTING, LinkState.READY):
