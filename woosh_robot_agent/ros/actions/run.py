@@ -126,6 +126,7 @@ class GoalRun:
             is_replaced=lambda: context.open_goals.newer_accepted(self),
             on_accepted=self._give_up.cancel_accepted,
             on_refused=self._poll_soon,  # perhaps it has ended, and the report was lost
+            has_begun=lambda: self._attribution.has_report,
         )
         self._is_displaced = False
         """True if a push after the last report shows that the chassis no longer executes this
