@@ -313,7 +313,9 @@ class GoalRun:
         return None
 
     def _pushed(self, message: Message) -> End | None:
-        end = self._take_reports(self._kind.read(message))
+        end = self._take_reports(
+            report for report in self._kind.read(message) if not self._may_be_repeated(report)
+        )
         if end is None and self._attribution.has_report and self._kind.is_displaced(message):
             self._is_displaced = True
             self._poll_soon()  # the report of the end may have been lost
@@ -325,6 +327,8 @@ class GoalRun:
             if not self._attribution.attribute(
                 report.outcome, self.phase, cancel_requested=self._cancellation.requested
             ):
+                if report.outcome is not None:
+                    self._attribution.note_earlier_end(report.message)
                 continue
             self._last_report = report.message
             # a cancel may have ended only the part before, so this part is cancelled, too
@@ -338,6 +342,12 @@ class GoalRun:
             if report.outcome is not None:
                 return End(report.outcome, report.message, cause)
         return None
+
+    def _may_be_repeated(self, report: Report) -> bool:
+        """Return True if a push may only repeat the end of an earlier goal."""
+        if report.outcome is Outcome.CANCELED and self._cancellation.requested:
+            return False
+        return self._attribution.repeats_previous(report.message, report.outcome)
 
     def _note_report(self) -> None:
         """Note a report on this goal, even an old one that the answer to a poll repeats."""
