@@ -19,6 +19,7 @@ from action_msgs.msg import GoalInfo, GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.qos import QoSProfile
 
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.ros.actions.goal import Outcome
 from woosh_robot_agent.ros.bridge import DeferredService, LinkThread, Reply
@@ -168,7 +169,7 @@ class GoalServer:
         self._check = check
         self._rejects = rejects
         self._checking = asyncio.Lock()
-        """Held while a goal is checked, so that goals are accepted in the order of arrival."""
+        """Held until a goal is checked, so that goals are accepted in the order of arrival."""
         self._result_timeout = result_timeout
         self._unchecked: dict[bytes, Goal] = {}
         """Goals that are not accepted yet, by the bytes of their ids. A client may cancel them."""
@@ -231,22 +232,31 @@ class GoalServer:
             reply.send(response)
             return
         self._unchecked[key] = goal = Goal(self, info, request.goal, published)
+        # begun before the lock is free, so that several checks wait for /tf at the same time
+        check = start_task(self._find_objection(request.goal), name=f"check: {self._name}")
         try:
             async with self._checking:
-                await self._check(request.goal)
-        except RejectedError as error:
-            if self._rejects:
-                _LOG.warning("%s: a goal is rejected: %s", self._name, error)
-                reply.send(response)
-                return
-            goal.objection = str(error)
+                goal.objection = await check
         finally:
+            check.cancel()
             del self._unchecked[key]
+        if goal.objection and self._rejects:
+            _LOG.warning("%s: a goal is rejected: %s", self._name, goal.objection)
+            reply.send(response)
+            return
         response.accepted = True
         self._goals[key] = goal
         reply.send(response)
         self._publish_status()
         self._start(goal)
+
+    async def _find_objection(self, request: Any) -> str:
+        """Return why a goal cannot be executed; empty if it can."""
+        try:
+            await self._check(request)
+        except RejectedError as error:
+            return str(error)
+        return ""
 
     async def _cancel_requested(self, request: Any, reply: Reply, _taken: float) -> None:
         response = CancelGoal.Response()
