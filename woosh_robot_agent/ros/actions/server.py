@@ -24,7 +24,7 @@ from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.ros.actions.goal import Outcome
 from woosh_robot_agent.ros.bridge import DeferredService, LinkThread, Reply
 from woosh_robot_agent.ros.qos import FEEDBACK_QOS, SERVICE_QOS, latched
-from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS
+from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS, undelivered_responses
 from woosh_robot_agent.ros.subscribers import create_publisher
 
 _LOG = logging.getLogger(__name__)
@@ -245,8 +245,17 @@ class GoalServer:
             reply.send(response)
             return
         response.accepted = True
+        with undelivered_responses() as undelivered:
+            is_sent = reply.send(response)
+        if undelivered or not is_sent:
+            _LOG.warning(
+                "%s: a goal is not executed, because its client cannot be told that it is "
+                "accepted: the client has gone, or this agent has not discovered it yet; send the "
+                "goal again",
+                self._name,
+            )
+            return
         self._goals[key] = goal
-        reply.send(response)
         self._publish_status()
         self._start(goal)
 
