@@ -282,15 +282,19 @@ async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancel
         await eventually(lambda: len(types(rig.wire)) == sent + ORDERS - 1)
 
 
+@pytest.mark.parametrize("by_other", [False, True], ids=["from here", "by another client"])
 @aio
-async def test_what_is_started_after_a_stop_is_not_cancelled() -> None:
+async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> None:
     async with gated(hold=0.0, begin=NEVER) as rig:
         await ok(rig.gate.request(ExecTask(task_id=6)))
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "robotTaskId": "6"})
+        await eventually(lambda: rig.gate.owner == "task 6")
         await soon(rig.gate.stop(TIMEOUT))
-        await ok(rig.gate.request(ExecTask(task_id=7)))
+        if not by_other:
+            await ok(rig.gate.request(ExecTask(task_id=7)))
         sent = len(types(rig.wire))
         await rig.wire.push("woosh.robot.TaskProc", RUNNING)
-        await eventually(lambda: rig.gate.owner)
+        await eventually(lambda: rig.gate.owner == "task 7")
         await turns()
         assert len(types(rig.wire)) == sent
 

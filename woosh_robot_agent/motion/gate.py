@@ -240,7 +240,7 @@ class MotionGate:
         self._wheels_taken = -math.inf
         """Monotonic time at which the chassis last accepted a task or driving action from here."""
         self._start_sent = -math.inf
-        """Monotonic time at which that start was sent."""
+        """Monotonic time at which that start was sent; -inf once something has begun since."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -498,7 +498,8 @@ class MotionGate:
     def _start_reported(self) -> None:
         """Note that a task or an action drives the robot, and no longer an earlier velocity."""
         stopped, begin = self._stop_called, self.timing.begin
-        if stopped - begin < self._start_sent < stopped and time.monotonic() < stopped + begin:
+        sent, self._start_sent = self._start_sent, -math.inf
+        if stopped - begin < sent < stopped and time.monotonic() < stopped + begin:
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if time.monotonic() < self._wheels_taken + self.timing.driving:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
