@@ -237,7 +237,7 @@ async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_drives(
             await wire.answer(frame, ok=False, msg="Request failed")
         return is_request
 
-    async with gated(refuse_cancels) as rig:
+    async with gated(refuse_cancels, effect=0.1) as rig:
         assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing was running"
         await rig.wire.push(reports, body)
         await eventually(lambda: rig.gate.owner)
@@ -245,6 +245,27 @@ async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_drives(
         assert not report.success
         assert report.message.startswith(f"NOT STOPPED: cancel of {what}: Request failed; ")
         assert report.message.endswith("press its emergency stop")
+
+
+@aio
+async def test_a_stop_just_after_a_cancel_waits_for_the_report_of_its_effect() -> None:
+    """The chassis refuses to cancel what has ended, and reports the end later."""
+
+    async def refuse_the_order(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == "woosh.robot.ActionOrder":
+            await wire.answer(frame, ok=False, msg="Request failed")
+            return True
+        return await answer_all(wire, frame)
+
+    async with gated(refuse_the_order, effect=NEVER) as rig:
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
+        await eventually(lambda: len(types(rig.wire)) == ORDERS)
+        await turns()
+        assert not stop.done()
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "state": "kCanceled"})
+        assert (await soon(stop)).success
 
 
 @pytest.mark.parametrize("answered_first", [True, False])
@@ -266,7 +287,7 @@ async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancel
             return True
         return await answer_all(wire, frame)
 
-    async with gated(chassis, begin=NEVER) as rig:
+    async with gated(chassis, effect=NEVER) as rig:
         start = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
         await eventually(lambda: "woosh.robot.ExecTask" in types(rig.wire))
         if answered_first:
@@ -285,7 +306,7 @@ async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancel
 @pytest.mark.parametrize("by_other", [False, True], ids=["from here", "by another client"])
 @aio
 async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> None:
-    async with gated(hold=0.0, begin=NEVER) as rig:
+    async with gated(hold=0.0, effect=NEVER) as rig:
         await ok(rig.gate.request(ExecTask(task_id=6)))
         await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "robotTaskId": "6"})
         await eventually(lambda: rig.gate.owner == "task 6")

@@ -154,6 +154,8 @@ _TASK = Sentence("stop.task", "task")
 _LOG = logging.getLogger(__name__)
 
 _STOPPED = Sentence("gate.stopped", "cancelled by a stop of the robot")()
+_CHECK_PERIOD = 0.02
+"""Period of the checks whether the chassis has reported the end of what a stop cancels."""
 _MAX_DELAY = 20.0
 """Maximum time that a command is expected to be on its way, in seconds. One that seems to be older
 comes from a computer whose clock differs."""
@@ -315,11 +317,17 @@ class MotionGate:
         if isinstance(zero, Answer) and not zero.ok:
             zero = await self._send_first(Twist(), timeout)
         answered = dict(zip(orders, cancels, strict=True))
-        running = tuple(
+        refused = [
             name
             for name, answer in answered.items()
-            if isinstance(answer, Answer) and not answer.ok and self._reported_owner.drives(name)
-        )
+            if isinstance(answer, Answer) and not answer.ok
+        ]
+        until = asyncio.get_running_loop().time() + self.timing.effect
+        while running := tuple(filter(self._reported_owner.drives, refused)):
+            # an earlier cancel may have ended it already, and the report be on its way
+            if asyncio.get_running_loop().time() > until:
+                break
+            await asyncio.sleep(_CHECK_PERIOD)
         return StopReport(zero, answered, running)
 
     async def close(self, timeout: float) -> None:
@@ -497,9 +505,9 @@ class MotionGate:
 
     def _start_reported(self) -> None:
         """Note that a task or an action drives the robot, and no longer an earlier velocity."""
-        stopped, begin = self._stop_called, self.timing.begin
+        stopped, effect = self._stop_called, self.timing.effect
         sent, self._start_sent = self._start_sent, -math.inf
-        if stopped - begin < sent < stopped and time.monotonic() < stopped + begin:
+        if stopped - effect < sent < stopped and time.monotonic() < stopped + effect:
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if time.monotonic() < self._wheels_taken + self.timing.driving:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
@@ -516,7 +524,7 @@ class MotionGate:
         The cancels of the stop may have come too early, and then have no effect.
         """
         _LOG.warning("what was started just before the last stop has begun after it: cancelling it")
-        orders = [self._send_first(each, self.timing.begin) for each in cancel_orders().values()]
+        orders = [self._send_first(each, self.timing.effect) for each in cancel_orders().values()]
         answers = await asyncio.gather(*orders)
         if not any(map(_is_ok, answers)):
             _LOG.error("it was not cancelled: %s; %s", _reason(answers[0]), _ADVICE())
