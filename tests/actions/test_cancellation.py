@@ -20,7 +20,7 @@ class Chassis:
         self.accepted = 0
         self.sent: list[asyncio.Future[Any]] = []
         self.cancellation = Cancellation(
-            "task 5", self._send, self._replaced, self._accepted, lambda: None
+            "task 5", self._send, self._replaced, self._accepted, lambda: None, lambda: True
         )
 
     async def _send(self) -> Any:

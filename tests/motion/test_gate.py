@@ -13,10 +13,12 @@ from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, answered, block, eve
 from tests.motion.gate_checks import (
     NEVER,
     ORDERS,
+    RUNNING,
     TWIST,
     answer_all,
     answer_nothing,
     every_moving_request,
+    feedback,
     gated,
     ok,
     speeds,
@@ -33,7 +35,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
 from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, Twist
 
 REASON = "the settings of the link have changed"
 
@@ -215,6 +217,107 @@ async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
         assert report.message.startswith("stopped; ")
         assert "cancel of task: the chassis did not answer" in report.message
         assert report.message.endswith("press its emergency stop")
+
+
+@pytest.mark.parametrize(
+    ("reports", "body", "what"),
+    [
+        ("woosh.robot.TaskProc", RUNNING, "task"),
+        ("woosh.ros.Feedbacks", feedback("StepControl", "kRosExecuting"), "StepControl"),
+    ],
+)
+@aio
+async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_drives(
+    reports: str, body: Frame, what: str
+) -> None:
+    async def refuse_cancels(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == TWIST or "sn" not in frame:
+            return await answer_all(wire, frame)
+        if is_request := frame["type"] != "woosh.robot.RobotInfo":
+            await wire.answer(frame, ok=False, msg="Request failed")
+        return is_request
+
+    async with gated(refuse_cancels, effect=0.1) as rig:
+        assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing was running"
+        await rig.wire.push(reports, body)
+        await eventually(lambda: rig.gate.owner)
+        report = await soon(rig.gate.stop(TIMEOUT))
+        assert not report.success
+        assert report.message.startswith(f"NOT STOPPED: cancel of {what}: Request failed; ")
+        assert report.message.endswith("press its emergency stop")
+
+
+@aio
+async def test_a_stop_just_after_a_cancel_waits_for_the_report_of_its_effect() -> None:
+    """The chassis refuses to cancel what has ended, and reports the end later."""
+
+    async def refuse_the_order(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == "woosh.robot.ActionOrder":
+            await wire.answer(frame, ok=False, msg="Request failed")
+            return True
+        return await answer_all(wire, frame)
+
+    async with gated(refuse_the_order, effect=NEVER) as rig:
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
+        await eventually(lambda: len(types(rig.wire)) == ORDERS)
+        await turns()
+        assert not stop.done()
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "state": "kCanceled"})
+        assert (await soon(stop)).success
+
+
+@pytest.mark.parametrize("answered_first", [True, False])
+@aio
+async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancelled(
+    answered_first: bool,
+) -> None:
+    """The chassis refuses to cancel a task that it has accepted and not begun."""
+    begun = False
+    starts: list[Frame] = []
+
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == "woosh.robot.ExecTask" and not answered_first:
+            starts.append(frame)
+            return True
+        is_cancel = frame["type"] in ("woosh.robot.ActionOrder", "woosh.ros.CallAction")
+        if is_cancel and not begun:
+            await wire.answer(frame, ok=False, msg="Request failed")
+            return True
+        return await answer_all(wire, frame)
+
+    async with gated(chassis, effect=NEVER) as rig:
+        start = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
+        await eventually(lambda: "woosh.robot.ExecTask" in types(rig.wire))
+        if answered_first:
+            await soon(start)
+        assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing runs yet"
+        for frame in starts:
+            await rig.wire.answer(frame)
+        await soon(start)
+        begun = True
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: "woosh.robot.ActionOrder" in types(rig.wire)[sent:])
+        await eventually(lambda: len(types(rig.wire)) == sent + ORDERS - 1)
+
+
+@pytest.mark.parametrize("by_other", [False, True], ids=["from here", "by another client"])
+@aio
+async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> None:
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        await ok(rig.gate.request(ExecTask(task_id=6)))
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "robotTaskId": "6"})
+        await eventually(lambda: rig.gate.owner == "task 6")
+        await soon(rig.gate.stop(TIMEOUT))
+        if not by_other:
+            await ok(rig.gate.request(ExecTask(task_id=7)))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner == "task 7")
+        await turns()
+        assert len(types(rig.wire)) == sent
 
 
 # The agent ends

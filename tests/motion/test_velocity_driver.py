@@ -251,6 +251,18 @@ async def test_no_zero_follows_what_takes_the_wheels(taken: str) -> None:
 
 
 @aio
+async def test_no_zero_takes_the_place_of_a_velocity_that_waited_when_a_task_began() -> None:
+    async with driving(rate=0.001) as stream:
+        stream.drive(0.1)
+        stream.drive(0.2)  # waits for its turn
+        await stream.sent(0.1)
+        await stream.task_runs()
+        stream.drive(0.0)  # a zero would end the task
+        await stream.settle()
+        await stream.sent(0.1)
+
+
+@aio
 async def test_a_velocity_that_overrides_a_task_is_stopped_by_silence() -> None:
     async with driving(override=True, timeout=0.05) as stream:
         await stream.task_runs()

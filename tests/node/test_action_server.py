@@ -8,9 +8,10 @@ from typing import Any
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from unique_identifier_msgs.msg import UUID
 
-from tests.harness import Client, Robot, RunningAgent, wait_future
+from tests.harness import Client, Logs, Robot, RunningAgent, wait_future
 from tests.node.goals import ABORTED, CANCELED, SUCCEEDED, hurry, step, step_goal, stop_time
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_ros_msgs.action import StepControl
@@ -51,6 +52,22 @@ def test_a_used_id_is_refused(robot: Robot) -> None:
     assert cancel(robot, 1) == (CancelGoal.Response.ERROR_NONE, [1])
     assert result(robot, 1) == CANCELED
     assert not send(robot, 1).accepted
+
+
+def test_a_goal_whose_client_cannot_be_told_is_not_executed(robot: Robot, logs: Logs) -> None:
+    """Its client cannot get the response, as one that the agent has not discovered yet."""
+    service = StepControl.Impl.SendGoalService
+    other = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    client = robot.node.create_client(
+        service, robot.path(f"{NAME}/_action/send_goal"), qos_profile=other
+    )
+    robot.wait_known(StepControl.Impl.GetResultService, robot.path(f"{NAME}/_action/get_result"))
+    client.call_async(service.Request(goal_id=UUID(uuid=[1] * 16), goal=step_goal(20.0)))
+    logs.wait_text(f"{NAME}: a goal is not executed", "send the goal again")
+    assert send(robot, 2).accepted
+    robot.chassis.wait_received("woosh.ros.CallAction")
+    assert robot.chassis.counts["woosh.ros.CallAction"] == 1
+    assert result(robot, 1) == GoalStatus.STATUS_UNKNOWN
 
 
 def test_cancel_up_to_a_time_means_goals_accepted_until_then(robot: Robot) -> None:

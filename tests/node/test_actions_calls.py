@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, GoalClient, Robot, fill
+from tests.harness import Client, GoalClient, Robot, fill, wait_until
 from tests.node.goals import (
     ABORTED,
     CALL_ACTION,
@@ -30,6 +30,7 @@ from tests.node.goals import (
     step,
 )
 from woosh_common_msgs.msg import Pose2D
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.srv import RobotState
 from woosh_ros_msgs.action import ChargeControl, LiftControl2, MoveBase, StepControl
@@ -239,6 +240,28 @@ def test_last_reports_on_another_programs_action_do_not_end_the_goal(
     robot.call(RobotState, "robot/RobotState")
     robot.chassis.push(feedbacks(1, "the goal's"))
     assert goal.result()[1].msg == "the goal's"
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_an_end_that_the_chassis_repeats_does_not_end_the_next_goal(
+    robot: Robot, replaced: bool
+) -> None:
+    first = running(robot) if replaced else step(robot, 0.3)
+    if not replaced:
+        assert first.result()[0] == SUCCEEDED
+    robot.chassis.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
+    goal = step(robot, 0.4)
+    wait_until(lambda: robot.agent.agent.actions.accepted_goals, "its acceptance")
+    first.result()
+    end: Any = robot.chassis.call(lambda sim: sim.chassis.actions.last[STEP])
+    for _ in range(3):
+        robot.chassis.push(Feedbacks(fbs=[end]))
+    for _ in range(2):
+        robot.call(RobotState, "robot/RobotState")
+    assert not goal.done
+    robot.chassis.push(feedbacks(2, "on its way"))
+    robot.chassis.push(feedbacks(1, "its end"))
+    assert goal.result()[1].msg == "its end"
 
 
 def lenient(out: Outgoing) -> list[Outgoing]:

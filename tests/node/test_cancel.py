@@ -32,6 +32,7 @@ from tests.node.goals import (
     lift3,
     move_base,
     proc,
+    replace_answers,
     short_task,
     slow_down,
     step,
@@ -129,6 +130,29 @@ def test_refused_cancel_lets_the_goal_succeed(robot: Robot, logs: Logs) -> None:
     assert goal.result()[0] == SUCCEEDED
     told = logs.with_text(": not on the lift")
     assert [each.name for each in told] == ["woosh_robot_agent.ros.actions.giving_up"]
+
+
+@pytest.mark.parametrize("ok", [False, True])
+@each_kind
+def test_cancel_that_comes_before_the_goal_begins_is_sent_again_when_it_begins(
+    robot: Robot, kind: Kind, ok: bool
+) -> None:
+    """The chassis may refuse it, or accept it without an effect."""
+    remove = robot.chassis.intercept(without_reports)
+    robot.chassis.mute(kind.polls)
+    goal = kind.start(robot)
+    wait_until(lambda: robot.agent.agent.actions.accepted_goals, "its acceptance")
+    replace_answers(robot.chassis, kind.cancels, ok=ok)
+    sent = robot.chassis.counts[kind.cancels]
+    goal.cancel()
+    robot.chassis.wait_received(kind.cancels, sent + 1)
+    wait_served(robot)
+    robot.chassis.accept(kind.cancels)
+    assert robot.chassis.counts[kind.cancels] == sent + 1
+    remove()
+    robot.chassis.push(kind.report(kind.runs, "begins"))
+    assert goal.result()[0] == CANCELED
+    assert robot.chassis.counts[kind.cancels] == sent + 2
 
 
 def test_cancel_waits_until_the_chassis_has_accepted_the_goal(robot: Robot) -> None:

@@ -167,6 +167,11 @@ class TestRefused:
         assert simulator.counts[TWIST] == 0
         assert not [record for record in logs.messages if record.exc_info]
 
+    def test_without_simulated_time_it_is_not_the_senders_clock(self, connect, client, logs):
+        connect(cmd_vel_stamped=True, use_sim_time=True)
+        Sender(client, TwistStamped).send_stamped(0.4, age=0.0)
+        logs.wait_text("cmd_vel is ignored: use_sim_time is true, but no time has come on /clock")
+
     def test_velocities_are_refused_while_another_clients_task_runs(
         self, simulator, agent, sender, client, logs
     ):

@@ -39,6 +39,13 @@ def change_scans(simulator: SimulatorThread, change: Callable[[Any], None]) -> N
     simulator.intercept(intercept)
 
 
+def test_no_stamp_is_before_the_beginning_of_simulated_time(connect, client):
+    """rclcpp::Time refuses a negative stamp, which ends the node that reads it."""
+    connect(use_sim_time=True)  # without a clock
+    stamp = scans(client).wait_count(1)[0].header.stamp
+    assert (stamp.sec, stamp.nanosec) == (0, 0)
+
+
 def test_scan_is_requested_only_while_there_are_subscribers(simulator, agent, client):
     wait_until(lambda: client.publishers("scan"), "the agent")
     odom = client.echo_with(Odometry, "odom", QoSProfile(depth=100))

@@ -190,6 +190,12 @@ class TestDiagnostics:
         assert values(of(array, "chassis"))["taskable"] == "yes"
         assert values(of(array, "battery"))["percent"] == "93"
 
+    def test_a_lack_of_simulated_time_is_a_warning(self, connect, client):
+        connect(use_sim_time=True)
+        clock = of(diagnostics(client).wait_count(1)[0], "clock")
+        assert clock.level >= WARN
+        assert "no time has come on /clock" in clock.message
+
     def test_each_reason_to_reject_a_task_is_listed(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.set_emergency_stop(True)

@@ -151,6 +151,8 @@ def test_each_push_is_published_once_and_in_order(connect, client, push, simulat
     connect(holding(RobotInfo()))
     echoes = echo_all(client, simulator)
     wait_matched(client)
+    echoes[TASK_PROC].wait_count(1)  # RobotInfo says that there is no task
+    echoes[TASK_PROC].messages.clear()
     rng = random.Random(3)
     sent: dict[str, list[Any]] = {topic.push: [] for topic in TOPICS}
     for _ in range(4):
@@ -172,7 +174,8 @@ def test_only_what_robot_info_holds_is_published(connect, client, push, simulato
     for topic in TOPICS:
         push(message_type(topic.push)())
     for name, echo in echoes.items():
-        assert len(echo.wait_count(2 if name == BATTERY else 1)) == (2 if name == BATTERY else 1)
+        count = 2 if name in (BATTERY, TASK_PROC) else 1  # RobotInfo says that there is no task
+        assert len(echo.wait_count(count)) == count
 
 
 def test_pushes_are_ordered_with_robot_info(connect, client, simulator):
@@ -188,6 +191,24 @@ def test_pushes_are_ordered_with_robot_info(connect, client, simulator):
     echo = client.echo(TaskProcMsg, "robot/TaskProc")
     assert [m.robot_task_id for m in echo.wait_count(3)] == [1, 2, 3]
     wait_until(lambda: agent.agent.robot.last_known.get(TASK_PROC).robot_task_id == 3)
+
+
+def test_a_task_that_robot_info_lacks_after_a_reconnect_is_gone(robot: Robot) -> None:
+    """It ended while there was no link."""
+    robot.chassis.push(TaskProc(robot_task_id=7, state=3))
+    robot.echo(TaskProcMsg, "robot/TaskProc").wait(lambda each: each.robot_task_id == 7)
+
+    def without_task(frame: Any) -> list[Any]:
+        if isinstance(frame.body, RobotInfo):
+            frame.body.ClearField("task_proc")
+        return [frame]
+
+    robot.chassis.intercept(without_task)
+    robot.chassis.drop()
+    robot.agent.wait_connected(2)
+    late = robot.echo(TaskProcMsg, "robot/TaskProc")
+    late.wait(lambda each: each.robot_task_id == 0)
+    assert late.messages[-1].robot_task_id == 0
 
 
 def test_nothing_is_published_until_the_chassis_is_back(connect, client, push, simulator):
@@ -208,9 +229,7 @@ def test_nothing_is_published_until_the_chassis_is_back(connect, client, push, s
     assert [m.power for m in battery.wait_count(2)] == [50, 49]
     push(PoseSpeed(mileage=4))
     assert [m.mileage for m in echoes[POSE_SPEED].wait_count(2)] == [3, 4]
-    others = [
-        name for name in echoes if name not in ("woosh.robot.Battery", "woosh.robot.PoseSpeed")
-    ]
+    others = echoes.keys() - {BATTERY, POSE_SPEED, TASK_PROC}  # RobotInfo says: no task
     assert not any(echoes[name].messages for name in others)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from woosh_robot_agent.link import Body
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.frames import Envelope, FrameError
-from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotInfo, RobotState
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotInfo, RobotState, TaskProc
 from woosh_robot_agent.robot.last_known import LastKnown
 
 INFO = "woosh.robot.RobotInfo"
@@ -51,6 +51,14 @@ def test_robot_info_without_a_part_keeps_the_earlier_one():
     said.push(INFO, battery={"power": 50})
     said.push(INFO, robotId=7)
     assert said.known.get(BATTERY) == Battery(power=50)
+
+
+def test_robot_info_without_a_task_ends_the_earlier_one():
+    said = Pushed()
+    said.push("woosh.robot.TaskProc", robotTaskId="7", state=3)
+    assert said.known.get("woosh.robot.TaskProc") == TaskProc(robot_task_id=7, state=3)
+    said.push(INFO, robotId=7)
+    assert said.known.get("woosh.robot.TaskProc") == TaskProc()
 
 
 def test_a_bad_body_is_reported_once_and_changes_nothing():

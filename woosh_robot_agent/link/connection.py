@@ -303,6 +303,9 @@ class Connection:
     Attributes:
         config: timeouts and limits. A new configuration takes effect at once, except for
             `liveness_timeout`.
+        reads_ahead: True if frames that come after a large one may overtake it. It is False during
+            the handshake, so that no push overtakes the RobotInfo, which would then replace newer
+            values.
         ended: future that gets the cause when the connection has ended.
     """
 
@@ -315,6 +318,7 @@ class Connection:
         on_push: Callable[[Envelope, bool], None],
     ) -> None:
         self.config = config
+        self.reads_ahead = False
         self._transport = transport
         self._codec = codec
         self._stats = record.stats
@@ -581,6 +585,8 @@ class Connection:
                     self._receive(self._codec.decode(data), alone=self._transport.waited)
                 else:
                     await self._receive_aside(data)
+                    if not self.reads_ahead:
+                        await asyncio.wait(self._aside_tasks)
             except FrameError as error:
                 self._count_bad(error)
             now = self._loop.time()

@@ -440,6 +440,7 @@ class ReconnectLoop:
             cause = error if isinstance(error, LinkError) else NotConnectedError("given up")
             await connection.close(cause)
             raise
+        connection.reads_ahead = True
         return connection
 
     async def _serve(self, connection: Connection) -> float:

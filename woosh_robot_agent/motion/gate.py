@@ -7,7 +7,8 @@
 3. Nothing is sent twice. The gate does not retry, and a request that was made without a link, or
    before the link was lost, is not sent after a reconnect.
 4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, those that
-   arrive shortly after the stop, and those that a client sent before it, are not sent.
+   arrive shortly after the stop, and those that a client sent before it, are not sent. What was
+   started from here just before the stop is cancelled again if it begins just after it.
 5. A closed gate sends nothing that moves the robot. On closing, it sends a zero velocity if the
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
@@ -45,6 +46,7 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import call_logged
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
 from woosh_robot_agent.motion.wheel_owner import WheelOwner
@@ -84,10 +86,12 @@ class StopReport:
     Attributes:
         zero: the answer to the zero velocity, or the error if there is none.
         cancels: the answer or error of each cancel request, by the name of the task or action.
+        running: names of what the chassis refused to cancel, and still reports as driving.
     """
 
     zero: Answer | LinkError
     cancels: dict[str, Answer | LinkError]
+    running: tuple[str, ...] = ()
 
     @property
     def success(self) -> bool:
@@ -95,13 +99,14 @@ class StopReport:
 
         The chassis refuses to cancel something that is not running, which is no failure.
         """
-        return _is_ok(self.zero) and not self._unanswered_cancels
+        return _is_ok(self.zero) and not self.running and not self._unanswered_cancels
 
     @property
     def message(self) -> str:
         """Human-readable result, with advice if the stop failed."""
-        stopped = _is_ok(self.zero)
-        parts = [_DONE() if stopped else _NOT_STOPPED(reason=_reason(self.zero))]
+        stopped = _is_ok(self.zero) and not self.running
+        reason = self._failed(self.running[0]) if self.running else _reason(self.zero)
+        parts = [_DONE() if stopped else _NOT_STOPPED(reason=reason)]
         # the chassis may accept the end of a following that it was not doing
         cancelled = [
             name for name, answer in self.cancels.items() if _is_ok(answer) and name != _FOLLOW
@@ -117,10 +122,14 @@ class StopReport:
     def _unanswered_cancels(self) -> list[Said]:
         """Texts about the cancel requests without an answer."""
         return [
-            _CANCEL_LOST(what=_name(name), reason=said_by(answer))
+            self._failed(name)
             for name, answer in self.cancels.items()
             if isinstance(answer, LinkError)
         ]
+
+    def _failed(self, name: str) -> Said:
+        """Return the text about a cancel request that failed."""
+        return _CANCEL_FAILED(what=_name(name), reason=_reason(self.cancels[name]))
 
 
 def _is_ok(answer: Answer | LinkError) -> bool:
@@ -139,12 +148,14 @@ def _name(what: str) -> str:
 _DONE = Sentence("stop.done", "stopped")
 _NOT_STOPPED = Sentence("stop.not", "NOT STOPPED: {reason}")
 _CANCELLED = Sentence("stop.cancelled", "{what} cancelled")
-_CANCEL_LOST = Sentence("stop.cancelLost", "cancel of {what}: {reason}")
+_CANCEL_FAILED = Sentence("stop.cancelLost", "cancel of {what}: {reason}")
 _ADVICE = Sentence("stop.advice", "if the robot moves, press its emergency stop")
 _TASK = Sentence("stop.task", "task")
 _LOG = logging.getLogger(__name__)
 
 _STOPPED = Sentence("gate.stopped", "cancelled by a stop of the robot")()
+_CHECK_PERIOD = 0.02
+"""Period of the checks whether the chassis has reported the end of what a stop cancels."""
 _MAX_DELAY = 20.0
 """Maximum time that a command is expected to be on its way, in seconds. One that seems to be older
 comes from a computer whose clock differs."""
@@ -230,6 +241,8 @@ class MotionGate:
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
         """Monotonic time at which the chassis last accepted a task or driving action from here."""
+        self._start_sent = -math.inf
+        """Monotonic time at which that start was sent; -inf once something has begun since."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -303,7 +316,19 @@ class MotionGate:
         zero, *cancels = reversed(answers)
         if isinstance(zero, Answer) and not zero.ok:
             zero = await self._send_first(Twist(), timeout)
-        return StopReport(zero, dict(zip(orders, cancels, strict=True)))
+        answered = dict(zip(orders, cancels, strict=True))
+        refused = [
+            name
+            for name, answer in answered.items()
+            if isinstance(answer, Answer) and not answer.ok
+        ]
+        until = asyncio.get_running_loop().time() + self.timing.effect
+        while running := tuple(filter(self._reported_owner.drives, refused)):
+            # an earlier cancel may have ended it already, and the report be on its way
+            if asyncio.get_running_loop().time() > until:
+                break
+            await asyncio.sleep(_CHECK_PERIOD)
+        return StopReport(zero, answered, running)
 
     async def close(self, timeout: float) -> None:
         """Refuse all further motion, and stop the robot if it may be driving at a velocity.
@@ -415,6 +440,7 @@ class MotionGate:
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + self.timing.driving
+        sent = time.monotonic()
         answer = await self._send(message, how)  # rule 3: once
         if not answer.ok:
             # rule 6: the start has ended all earlier velocities, and this later one was refused;
@@ -423,7 +449,7 @@ class MotionGate:
                 self._drives_until = -math.inf
             return answer
         if takes_wheels(message):  # rule 6
-            self._wheels_taken = time.monotonic()
+            self._wheels_taken, self._start_sent = time.monotonic(), sent
             if self._last_velocity is velocity_before:
                 self._drives_until = -math.inf
             else:  # the last velocity was sent after this command
@@ -481,6 +507,10 @@ class MotionGate:
 
     def _start_reported(self) -> None:
         """Note that a task or an action drives the robot, and no longer an earlier velocity."""
+        stopped, effect = self._stop_called, self.timing.effect
+        sent, self._start_sent = self._start_sent, -math.inf
+        if stopped - effect < sent < stopped and time.monotonic() < stopped + effect:
+            start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if time.monotonic() < self._wheels_taken + self.timing.driving:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
             # that was sent between the acceptance and this report drives the robot.
@@ -489,6 +519,17 @@ class MotionGate:
             self._unanswered_at_start = self._last_velocity
         else:  # rule 6
             self._drives_until = -math.inf
+
+    async def _cancel_late_start(self) -> None:
+        """Cancel what was started before the last stop, and has begun after it.
+
+        The cancels of the stop may have come too early, and then have no effect.
+        """
+        _LOG.warning("what was started just before the last stop has begun after it: cancelling it")
+        orders = [self._send_first(each, self.timing.effect) for each in cancel_orders().values()]
+        answers = await asyncio.gather(*orders)
+        if not any(map(_is_ok, answers)):
+            _LOG.error("it was not cancelled: %s; %s", _reason(answers[0]), _ADVICE())
 
     def _link_changed(self, state: LinkState) -> None:
         if state in (LinkState.CONNECTING, LinkState.READY):

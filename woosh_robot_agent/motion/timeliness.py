@@ -40,6 +40,9 @@ class MotionTiming:
     hold: float = 0.5
     """Time after a stop in which nothing that moves the robot is sent. A goal that a client sent
     before the stop may arrive after it."""
+    effect: float = 1.5
+    """Maximum time from a start or a cancel to the report of its effect. Real robots report it 0.5
+    to 1.2 s after they have accepted the request."""
     stall: float = 0.5
     """Time without a heartbeat that counts as a stall."""
     settle: float = 0.5

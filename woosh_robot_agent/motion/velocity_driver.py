@@ -219,6 +219,8 @@ class VelocityDriver:
         published = min(published, now)
         moves = any(values)
         self.note_received(moves)
+        if self._waiting is not None and self._owner:
+            self._waiting = None  # rule 2; otherwise a zero would stop what drives the robot
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
                 self._silence(_NOT_PERMITTED)

@@ -74,6 +74,12 @@ class WheelOwner:
         chassis.subscribe(TaskProc, self._task_changed)
         chassis.subscribe(Feedbacks, self._actions_reported)
 
+    def drives(self, what: str) -> bool:
+        """Return True if something may drive the robot: "task", or an action by its short name."""
+        if what == "task":
+            return _may_drive(self._task)
+        return any(_DRIVING_ACTIONS[action] == what for action in self._actions)
+
     def _snapshot(self, info: RobotInfo) -> None:
         self._task_changed(info.task_proc)
 

@@ -27,9 +27,14 @@ def is_part_of_info(cls: type[Message]) -> bool:
 
 
 def parts_of(info: RobotInfo) -> list[Message]:
-    """Return the parts that are present in a RobotInfo, as the messages that the chassis pushes."""
+    """Return the parts that are present in a RobotInfo, as the messages that the chassis pushes.
+
+    An absent `task_proc` is a part, too: it says that the robot has no task.
+    """
     parts: list[Message] = [
-        getattr(info, name) for name in _INFO_FIELDS.values() if info.HasField(name)
+        getattr(info, name)
+        for name in _INFO_FIELDS.values()
+        if info.HasField(name) or name == "task_proc"
     ]
     if info.state:  # an enum in RobotInfo, but pushed as a message of its own
         parts.append(RobotState(state=info.state))

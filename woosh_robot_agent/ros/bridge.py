@@ -247,13 +247,16 @@ class Reply:
         """
         return self._header.source_timestamp / 1e9, self._header.received_timestamp / 1e9
 
-    def send(self, response: Any) -> None:
-        """Send the response. A second response is a bug: it is logged and not sent."""
+    def send(self, response: Any) -> bool:
+        """Send the response; return False if the client has disappeared.
+
+        A second response is a bug: it is logged and not sent.
+        """
         with self._lock:
             was_sent, self._sent = self._sent, True
         if was_sent:
             _LOG.error("a service call was answered twice; second response: %r", response)
-            return
+            return True
         try:
             try:
                 self._send(response, self._header)
@@ -264,6 +267,8 @@ class Reply:
                 self._send(self._failure(error), self._header)
         except PEER_GONE_ERRORS as error:
             _LOG.debug("the client disappeared before its response was sent: %s", error)
+            return False
+        return True
 
     def fail(self, error: BaseException) -> None:
         """Send a response that reports a bug of the agent."""

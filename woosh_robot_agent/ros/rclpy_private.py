@@ -7,7 +7,9 @@ is checked in one place. Ruff (TID251) forbids `rclpy.impl` everywhere else.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -107,6 +109,22 @@ def take_data(waitable: Any, executor: Any) -> Callable[[], Any]:
     for future in waitable._futures:
         future._set_executor(executor)
     return partial(waitable.execute, data)
+
+
+@contextmanager
+def undelivered_responses() -> Iterator[list[str]]:
+    """Yield a list that gets the text of each response in the context that rclpy drops.
+
+    It drops a response if its client has not been discovered within 0.1 s, and only warns. Use it
+    in one thread only, because Python's warnings are global.
+
+    Replaceable by: an exception, or a return value, of `Service.send_response`.
+    """
+    texts: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield texts
+    texts += [text for each in caught if "send response" in (text := str(each.message))]
 
 
 def call_timer(timer: Any) -> Callable[[], Any] | None:

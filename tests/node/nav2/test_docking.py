@@ -86,10 +86,8 @@ def test_the_charger_is_found(
 
 
 def test_there_is_no_such_charger(client: Client, simulator: SimulatorThread) -> None:
-    for goal in (
-        Nav2Client(client, "dock_robot", dock_id="Z99"),
-        Nav2Client(client, "dock_robot", use_dock_id=False, dock_pose=pose(0.0, 0.0)),
-    ):
+    for where in ({"dock_id": "Z99"}, {"use_dock_id": False, "dock_pose": pose(0.0, 0.0)}):
+        goal = Nav2Client(client, "dock_robot", **where)
         assert not goal.wait_aborted("there is no charger", code="DOCK_NOT_IN_DB").success
     assert ExecTask.DESCRIPTOR.full_name not in simulator.counts
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -173,6 +175,17 @@ class TestFrames:
         assert running.result()[0] == (SUCCEEDED if by_id else CANCELED)
         drives = [each.message.move_base for each in simulator.received if each.type == CALL_ACTION]
         assert [drive.action for drive in drives] == ([1] if by_id else [1, 0])
+
+    def test_goals_in_unknown_frames_do_not_wait_for_each_other(self, client: Client) -> None:
+        """They would hold up a later goal in a known frame, which could then drive too late."""
+        action = class_of("nav2_msgs/NavigateToPose", "action")
+        server = client.action(action, "navigate_to_pose")
+        goals = [action.Goal(pose=ahead(1.0, "nowhere")) for _ in range(9)]
+        began = time.monotonic()
+        for goal in goals:
+            client.in_executor(partial(server.send_goal_async, goal))
+        assert go(client, ahead(0.5)).result()[0] == SUCCEEDED
+        assert time.monotonic() - began < 6.0, "one after the other, they take 9 s"
 
     def test_other_actions_bring_their_poses_too(
         self, client: Client, simulator: SimulatorThread

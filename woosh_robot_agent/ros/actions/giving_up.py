@@ -16,9 +16,10 @@ _LOG = logging.getLogger(__name__)
 class Cancellation:
     """Forwards the cancel requests of a goal's client to the chassis, one at a time.
 
-    A request that the chassis did not answer stays pending. It is sent again only when `send_soon`
-    is called again: the cancel request for a task does not name the task, so it may only be sent
-    while the goal is running.
+    A request that the chassis did not answer stays pending, and so does one that it got before it
+    began the goal, which may have no effect. It is sent again only when `send_soon` is called
+    again: the cancel request for a task does not name the task, so it may only be sent while the
+    goal is running.
 
     Args:
         name: name of the goal, for the log.
@@ -26,6 +27,7 @@ class Cancellation:
         is_replaced: waits until it is known if a newer goal replaced this one; returns True if so.
         on_accepted: called when the chassis has accepted the cancel.
         on_refused: called when the chassis has refused it.
+        has_begun: returns True if the chassis has reported on the goal.
     """
 
     def __init__(
@@ -35,6 +37,7 @@ class Cancellation:
         is_replaced: Callable[[], Awaitable[bool]],
         on_accepted: Callable[[], None],
         on_refused: Callable[[], None],
+        has_begun: Callable[[], bool],
     ) -> None:
         self.requested = False
         """True once the client has requested a cancel, even if `GoalRun` has not handled it yet."""
@@ -45,6 +48,7 @@ class Cancellation:
         self._is_replaced = is_replaced
         self._on_accepted = on_accepted
         self._on_refused = on_refused
+        self._has_begun = has_begun
         self._task: asyncio.Task[None] | None = None
 
     def send_soon(self) -> None:
@@ -62,6 +66,7 @@ class Cancellation:
             return  # the cancel would hit the newer goal, and this one is over
         while self.pending:  # repeat if the client has asked again meanwhile
             self.pending = False
+            is_early = not self._has_begun()
             try:
                 answer = await self._send()
             except LinkError as error:
@@ -82,6 +87,10 @@ class Cancellation:
                     answer.reason,
                 )
                 self._on_refused()
+            if is_early:
+                self.pending = True
+                if not self._has_begun():
+                    return
 
 
 _CHECK = "check the robot, and stop it with the `stop` service if necessary"

@@ -176,8 +176,8 @@ class Attribution:
     Args:
         predecessors: number of earlier goals with the same name that may still be running.
         inherited: outcomes that, if reported first, belong to an earlier goal.
-        repeats_ends: True if the chassis answers a poll with the last reported end, even if it
-            belongs to an earlier goal.
+        repeats_ends: True if the chassis may repeat the last reported end, even if it belongs to an
+            earlier goal: in the answer to a poll, or in a push.
         previous: the chassis's last report with the name before this goal, if known; only used with
             `repeats_ends`.
     """
@@ -234,6 +234,19 @@ class Attribution:
             return report != previous
         # without an earlier end to compare with, an end proves nothing
         return previous is not None and report != previous
+
+    def repeats_previous(self, report: object, outcome: Outcome | None) -> bool:
+        """Return True if a push may only repeat the end of an earlier goal.
+
+        Pass no such push to `attribute`. If this goal has ended in the same way, a poll tells.
+        """
+        if self.has_report or self._predecessors or outcome is None:
+            return False  # each predecessor reports its own end, and the ends may be alike
+        return self._repeats_ends and report == self._previous
+
+    def note_earlier_end(self, report: object) -> None:
+        """Note an end that is not that of this goal."""
+        self._previous = report
 
     def _attribute_progress(self, phase: Phase) -> bool:
         """Decide on a report that the goal is running."""

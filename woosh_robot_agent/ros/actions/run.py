@@ -128,6 +128,7 @@ class GoalRun:
             is_replaced=lambda: context.open_goals.newer_accepted(self),
             on_accepted=self._give_up.cancel_accepted,
             on_refused=self._poll_soon,  # perhaps it has ended, and the report was lost
+            has_begun=lambda: self._attribution.has_report,
         )
         self._is_displaced = False
         """True if a push after the last report shows that the chassis no longer executes this
@@ -319,7 +320,9 @@ class GoalRun:
         return None
 
     def _pushed(self, message: Message) -> End | None:
-        end = self._take_reports(self._kind.read(message))
+        end = self._take_reports(
+            report for report in self._kind.read(message) if not self._may_be_repeated(report)
+        )
         if end is None and self._attribution.has_report and self._kind.is_displaced(message):
             self._is_displaced = True
             self._poll_soon()  # the report of the end may have been lost
@@ -331,6 +334,8 @@ class GoalRun:
             if not self._attribution.attribute(
                 report.outcome, self.phase, cancel_requested=self._cancellation.requested
             ):
+                if report.outcome is not None:
+                    self._attribution.note_earlier_end(report.message)
                 continue
             self._last_report = report.message
             # a cancel may have ended only the part before, so this part is cancelled, too
@@ -344,6 +349,12 @@ class GoalRun:
             if report.outcome is not None:
                 return End(report.outcome, report.message, cause)
         return None
+
+    def _may_be_repeated(self, report: Report) -> bool:
+        """Return True if a push may only repeat the end of an earlier goal."""
+        if report.outcome is Outcome.CANCELED and self._cancellation.requested:
+            return False
+        return self._attribution.repeats_previous(report.message, report.outcome)
 
     def _note_report(self) -> None:
         """Note a report on this goal, even an old one that the answer to a poll repeats."""

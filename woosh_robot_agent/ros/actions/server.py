@@ -19,11 +19,12 @@ from action_msgs.msg import GoalInfo, GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.qos import QoSProfile
 
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.ros.actions.goal import Outcome
 from woosh_robot_agent.ros.bridge import DeferredService, LinkThread, Reply
 from woosh_robot_agent.ros.qos import FEEDBACK_QOS, SERVICE_QOS, latched
-from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS
+from woosh_robot_agent.ros.rclpy_private import PEER_GONE_ERRORS, undelivered_responses
 from woosh_robot_agent.ros.subscribers import create_publisher
 
 _LOG = logging.getLogger(__name__)
@@ -168,7 +169,7 @@ class GoalServer:
         self._check = check
         self._rejects = rejects
         self._checking = asyncio.Lock()
-        """Held while a goal is checked, so that goals are accepted in the order of arrival."""
+        """Held until a goal is checked, so that goals are accepted in the order of arrival."""
         self._result_timeout = result_timeout
         self._unchecked: dict[bytes, Goal] = {}
         """Goals that are not accepted yet, by the bytes of their ids. A client may cancel them."""
@@ -231,22 +232,40 @@ class GoalServer:
             reply.send(response)
             return
         self._unchecked[key] = goal = Goal(self, info, request.goal, published)
+        # begun before the lock is free, so that several checks wait for /tf at the same time
+        check = start_task(self._find_objection(request.goal), name=f"check: {self._name}")
         try:
             async with self._checking:
-                await self._check(request.goal)
-        except RejectedError as error:
-            if self._rejects:
-                _LOG.warning("%s: a goal is rejected: %s", self._name, error)
-                reply.send(response)
-                return
-            goal.objection = str(error)
+                goal.objection = await check
         finally:
+            check.cancel()
             del self._unchecked[key]
+        if goal.objection and self._rejects:
+            _LOG.warning("%s: a goal is rejected: %s", self._name, goal.objection)
+            reply.send(response)
+            return
         response.accepted = True
+        with undelivered_responses() as undelivered:
+            is_sent = reply.send(response)
+        if undelivered or not is_sent:
+            _LOG.warning(
+                "%s: a goal is not executed, because its client cannot be told that it is "
+                "accepted: the client has gone, or this agent has not discovered it yet; send the "
+                "goal again",
+                self._name,
+            )
+            return
         self._goals[key] = goal
-        reply.send(response)
         self._publish_status()
         self._start(goal)
+
+    async def _find_objection(self, request: Any) -> str:
+        """Return why a goal cannot be executed; empty if it can."""
+        try:
+            await self._check(request)
+        except RejectedError as error:
+            return str(error)
+        return ""
 
     async def _cancel_requested(self, request: Any, reply: Reply, _taken: float) -> None:
         response = CancelGoal.Response()

@@ -16,7 +16,7 @@ from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.robot.who_drives import Interleaving
 from woosh_robot_agent.ros.bridge import Reply
-from woosh_robot_agent.ros.standard.part import Part, PartContext
+from woosh_robot_agent.ros.standard.part import NO_TIME, Part, PartContext
 
 _LOG = logging.getLogger(__name__)
 _STOP_TIMEOUT = 2.0
@@ -108,11 +108,14 @@ def stamp_objection(context: PartContext, message: TwistStamped) -> str:
     twist, stamp = message.twist, message.header.stamp
     if not any((twist.linear.x, twist.linear.y, twist.angular.z)):
         return ""  # a zero always stops the robot
+    now = context.now_ns()
     # the stamp may be before 1970, which rclpy's Time refuses
-    age = (context.now_ns() - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
+    age = (now - stamp.sec * 1_000_000_000 - stamp.nanosec) / 1e9
     limit = context.settings().cmd_vel_max_age
     if not limit or abs(age) <= limit:  # 0 stands for no limit
         return ""
+    if not now:
+        return NO_TIME
     return (
         f"its stamp is {age:.1f} s old; cmd_vel_max_age allows {limit:g} s into the past or the "
         "future; check the sender's clock"

@@ -26,7 +26,7 @@ from woosh_robot_agent.robot.readiness import (
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.second_agent import SecondAgentDetector
-from woosh_robot_agent.ros.standard.part import Part, PartContext
+from woosh_robot_agent.ros.standard.part import NO_TIME, Part, PartContext
 
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
@@ -127,14 +127,17 @@ def _yes_or_no(value: bool | None) -> str:
     return "unknown" if value is None else "yes" if value else "no"
 
 
-def clock_status(offset: float | None) -> Status:
-    """Return the status of the robot's clock.
+def clock_status(offset: float | None, now: int) -> Status:
+    """Return the status of the robot's clock, and of the clock of this node.
 
     Args:
         offset: time by which the robot's clock is ahead of this computer's, in seconds; None if it
             is not known.
+        now: the node's current time; 0 while no time has come on /clock.
     """
     status = Status("clock")
+    if not now:
+        status.add(WARN, NO_TIME)
     if offset is None:
         status.values = {"offset": "unknown, because the robot sends no times"}
         return status
@@ -272,7 +275,7 @@ class Diagnostics(Part):
                 hardware_status(info.hardware_state),
                 codes_status(info),
                 motion_status(context.watch),
-                clock_status(chassis.stats.clock_offset),
+                clock_status(chassis.stats.clock_offset, context.now_ns()),
             ]
             if chassis.state is not LinkState.READY:
                 for status in of_robot:

@@ -22,6 +22,8 @@ from woosh_robot_agent.ros.second_agent import SecondAgentDetector
 from woosh_robot_agent.ros.standard_endpoints import BY_NAME, Kind
 from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher
 
+NO_TIME = "use_sim_time is true, but no time has come on /clock: set it to false, or publish /clock"
+
 
 class Part:
     """One part of the standard layer: usually one topic or service."""
@@ -63,7 +65,10 @@ class PartContext:
         return Time(sec=seconds, nanosec=nanoseconds)
 
     def now_ns(self) -> int:
-        """Return the node's current time, in nanoseconds since 1970 unless time is simulated."""
+        """Return the node's current time, in nanoseconds since 1970 unless time is simulated.
+
+        It is 0 while no time has come on /clock.
+        """
         node = self.robot.node
         # rclpy's clock takes a hundred times as long as the system's
         if node.get_parameter("use_sim_time").value:

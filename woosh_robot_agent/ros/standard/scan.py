@@ -87,8 +87,8 @@ class Scan(Part):
             if self._scan is not None:
                 # the scan was measured between request and answer; take the middle
                 age = int((loop.time() - sent) / 2 * _SECOND)
-                scan = self._fill_message(_CONVERTER.read(answer.raw), self._context.now_ns() - age)
-                self._scan.publish(scan)
+                stamp = max(self._context.now_ns() - age, 0)  # simulated time begins at 0
+                self._scan.publish(self._fill_message(_CONVERTER.read(answer.raw), stamp))
         except FrameError:  # the link has counted and logged it
             return
         except ValueError as error:
