@@ -59,15 +59,6 @@ def web(simulator: SimulatorThread) -> Iterator[HttpClient]:
         yield client
 
 
-def test_answers_of_a_query_and_a_command(web: HttpClient, client: JsonClient) -> None:
-    status, answer = web.post("woosh.robot.Battery", {"robotId": 30001})
-    assert status == 200
-    body = client.ask("woosh.robot.Battery")
-    assert answer == {"body": body, "msg": "", "ok": True, "type": "woosh.robot.Battery"}
-    status, answer = web.post("woosh.robot.SetOccupancy", {"occupy": True})
-    assert (status, answer["msg"]) == (200, "Request succeed")
-
-
 def test_each_request_is_answered_as_over_the_websocket(
     web: HttpClient, client: JsonClient
 ) -> None:
@@ -158,17 +149,6 @@ def test_chunked_bodies_credentials_and_other_content_types_are_accepted(web: Ht
     assert web.ask("woosh.robot.DeviceState")["software"] & 8
 
 
-def test_velocities_drive_the_robot(simulator: SimulatorThread, web: HttpClient) -> None:
-    start = simulator.state.pose
-
-    def drives() -> bool:
-        web.ask("woosh.robot.Twist", {"linear": 0.3})
-        return simulator.state.pose.distance(start.point) > 0.5
-
-    wait_until(drives)
-    web.ask("woosh.robot.Twist", {"linear": 0})
-
-
 @pytest.mark.chassis(speed=1, max_frame=20 * MIB)
 def test_large_bodies_pass_and_too_large_ones_are_413(
     simulator: SimulatorThread, web: HttpClient
@@ -250,14 +230,6 @@ def test_client_that_leaves_before_its_answer_is_forgotten(
     wait_until(lambda: simulator.connections == 0)
 
 
-def test_refuse_affects_calls(simulator: SimulatorThread, web: HttpClient) -> None:
-    simulator.refuse(OCCUPY, "not now")
-    assert web.post(OCCUPY, {"occupy": True}) == (
-        200,
-        {"type": OCCUPY, "body": {}, "ok": False, "msg": "not now"},
-    )
-
-
 def test_delay_affects_calls(
     simulator: SimulatorThread, web: HttpClient, client: JsonClient
 ) -> None:
@@ -286,14 +258,6 @@ def test_drop_ends_the_connections_of_calls(
     except ConnectionResetError:
         pass
     simulator.clear_faults()
-    web.close()
-    assert web.ask(MODE)["work"] == 2
-
-
-def test_accept_then_drop_affects_calls(simulator: SimulatorThread, web: HttpClient) -> None:
-    simulator.inject("accept_then_drop", count=1)
-    with pytest.raises((ConnectionError, http.client.RemoteDisconnected)):
-        web.ask(MODE)
     web.close()
     assert web.ask(MODE)["work"] == 2
 
@@ -330,11 +294,15 @@ def test_damaged_answers_are_no_json(
     assert web.ask(MODE)["work"] == 2
 
 
-def test_answer_that_is_cut_on_the_wire(simulator: SimulatorThread, web: HttpClient) -> None:
-    simulator.inject("truncated", where="wire", count=1)
-    web.send(MODE)
+@pytest.mark.parametrize(
+    ("name", "options"), [("truncated", {"where": "wire"}), ("accept_then_drop", {})]
+)
+def test_connection_that_is_cut_ends_one_call(
+    simulator: SimulatorThread, web: HttpClient, name: str, options: dict[str, str]
+) -> None:
+    simulator.inject(name, count=1, **options)
     with pytest.raises((http.client.IncompleteRead, ConnectionError)):
-        web.connection.getresponse().read()
+        web.ask(MODE)
     web.close()
     assert web.ask(MODE)["work"] == 2
 
@@ -357,6 +325,7 @@ def test_oversize_answer_is_valid(simulator: SimulatorThread, web: HttpClient) -
         ("wrong_type", lambda answer: answer["type"] == "woosh.robot.Network"),
         ("wrong_sn", lambda answer: "sn" not in answer),
         ("reorder", lambda answer: answer["ok"]),
+        ("refuse", lambda answer: not answer["ok"] and answer["msg"].startswith("refused by")),
     ],
 )
 def test_other_faults_of_answers_affect_calls(

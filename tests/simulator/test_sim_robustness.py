@@ -10,9 +10,7 @@ from contextlib import closing
 
 import pytest
 
-from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import (
-    Connect,
     ConnectTcp,
     JsonClient,
     TcpClient,
@@ -54,15 +52,6 @@ def test_bad_frames_over_tcp_are_skipped(simulator: SimulatorThread, tcp: TcpCli
         other.settimeout(5)
         assert other.recv(1) == b""
     assert tcp.request("woosh.robot.Mode").ok
-
-
-def test_pushes_reach_many_clients(connect: Connect) -> None:
-    clients = [connect() for _ in range(20)]
-    for each in clients:
-        each.subscribe("woosh.robot.Mode")
-    clients[0].ask("woosh.robot.SwitchWorkMode", {"mode": 3})
-    for each in clients:
-        assert each.next_push("woosh.robot.Mode")["work"] == 3
 
 
 @pytest.mark.chassis(speed=1, max_outbox=5)
@@ -134,27 +123,6 @@ def test_raw_frames_and_pushes_can_be_sent(simulator: SimulatorThread, client: J
     assert client.receive() == {"type": "x"}
 
 
-def test_simulator_can_drop_clients_and_listen_again(
-    simulator: SimulatorThread, tcp: TcpClient, connect_tcp: ConnectTcp
-) -> None:
-    assert tcp.request("woosh.robot.SwitchWorkMode").msg
-    simulator.drop()
-    with pytest.raises(ConnectionError):
-        tcp.request("woosh.robot.Mode")
-    ports = simulator.port, simulator.tcp_port
-    for _ in range(2):
-        simulator.stop_listening()
-        assert simulator.connections == 0
-        for port in ports:
-            with pytest.raises(ConnectionRefusedError):
-                socket.create_connection(("127.0.0.1", port), 5)
-            with closing(socket.socket()) as other, pytest.raises(OSError, match="in use"):
-                other.bind(("127.0.0.1", port))
-    simulator.listen()
-    assert (simulator.port, simulator.tcp_port) == ports
-    assert connect_tcp().request("woosh.robot.Mode").ok
-
-
 def test_subscriptions_end_with_the_connection(
     simulator: SimulatorThread, client: JsonClient
 ) -> None:
@@ -162,9 +130,3 @@ def test_subscriptions_end_with_the_connection(
         first.subscribe("woosh.robot.Mode")
     client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
     assert client.take_pushes("woosh.robot.Mode") == []
-
-
-def test_port_in_use_raises_an_error(simulator: SimulatorThread) -> None:
-    other = SimulatorThread(quick_config(port=simulator.port, tcp_port=0))
-    with pytest.raises(OSError):
-        other.start()

@@ -174,20 +174,6 @@ async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(site: 
 
 
 @aio
-async def test_an_order_does_not_go_on_where_somebody_has_left_the_robot(site: Site) -> None:
-    async with site.online() as master, site.other_client() as gate:
-        first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
-        master.order([first, second | {"released": False}])
-        await master.accepted("order")
-        assert (await gate.request(task_to(5.5, -6.8))).ok
-        await eventually(lambda: abs(site.chassis.state.pose.x - 5.5) < 0.1)
-        await site.idle()
-        master.order([first, second], update=1)
-        await master.error("interruptedError")
-    assert site.chassis.counts[EXEC] == 1
-
-
-@aio
 async def test_a_charging_task_that_is_not_of_the_vehicle_is_named(site: Site) -> None:
     charge = ExecTask(task_id=77, type=task_pb2.kCharge, mark_no="C1")
     async with waiting_for(charge, site) as master:

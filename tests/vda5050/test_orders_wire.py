@@ -272,6 +272,7 @@ async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(site
         await master.reached("K10")
     (task,) = received(site.chassis, ExecTask)
     assert task.mark_no == "K10"
+    assert not task.HasField("plan_path")
     pose = site.chassis.state.pose
     assert (pose.x, pose.y) == pytest.approx((8.0, -4.0), abs=0.05)
 

@@ -46,20 +46,6 @@ async def test_an_obstacle_is_put_and_removed() -> None:
 
 
 @aio
-async def test_an_obstacle_far_away_disturbs_nothing() -> None:
-    async with page_beside() as (simulator, viewer):
-        await viewer.give("fault", text="obstacle x=1e300 y=-1e300 radius=100")
-        (fault,) = await viewer.until(lambda parts: parts["simulator"]["faults"])
-        assert (fault["x"], fault["y"]) == (1e300, -1e300)
-        scans = viewer.scans
-        await viewer.until(lambda _: viewer.scans > scans + 2)
-        await viewer.give("goMark", mark="A2")
-        await viewer.until(lambda parts: parts["pose"]["linear"] > 0.1)
-        await viewer.give("endFault", id=fault["id"])
-        assert simulator.chassis.obstacles.names == ()
-
-
-@aio
 async def test_faults_begin_and_end() -> None:
     async with page_beside() as (simulator, viewer):
         await viewer.give("fault", text="emergency_stop")

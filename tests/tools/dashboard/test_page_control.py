@@ -40,7 +40,6 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     Twist,
 )
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
-from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
@@ -55,22 +54,6 @@ async def hold(
     """Hold the stick until a condition is true."""
     async with viewer.holds(linear, angular):
         await eventually(until)
-
-
-@aio
-async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: SimulatorThread) -> None:
-    async with controlled(chassis) as viewer:
-        assert await viewer.command("go", x=3.0, y=-5.0, theta=0.5) == (True, "Go: accepted")
-        pose = last(chassis, ExecTask).pose
-        assert (pose.x, pose.y, pose.theta) == (3.0, -5.0, 0.5)
-        await viewer.until(lambda parts: parts["robot"]["task"]["running"])
-        for name, order in (("pause", action.kPause), ("continue", action.kContinue)):
-            await viewer.give(name)
-            assert last(chassis, ActionOrder).order == order
-        await viewer.give("cancel")
-        await viewer.until(lambda parts: not parts["robot"]["task"]["running"])
-        await viewer.give("goMark", mark="A2")
-        assert last(chassis, ExecTask).mark_no == "A2"
 
 
 _ODD_TEXT = "请\u3000让开 \u200fא\u200e \U0001f468\u200d\U0001f527\u00a0!"
@@ -446,24 +429,6 @@ async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: Simulat
         sent = [each.message for each in chassis.received[before:] if each.type == TWIST]
         assert all(each == Twist() for each in sent)
         await hold(viewer, lambda: is_driving(chassis))
-
-
-@aio
-async def test_a_press_that_lost_the_link_to_the_robot_drives_no_more(
-    chassis: SimulatorThread,
-) -> None:
-    async with controlled(chassis) as viewer, viewer.holds(0.3):
-        await eventually(lambda: is_driving(chassis))
-        chassis.stop_listening()
-        await viewer.until(lambda parts: parts["link"]["state"] == "lost")
-        await viewer.passed(0.2)
-        chassis.listen()
-        await viewer.ready()
-        await eventually(lambda: is_stopped_by_zero(chassis))
-        sent = chassis.counts[TWIST]
-        await viewer.passed(0.5)
-        assert "there is no link to the chassis" in viewer.refusals
-        assert (chassis.counts[TWIST], is_stopped_by_zero(chassis)) == (sent, True)
 
 
 @aio

@@ -12,15 +12,12 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import controlled, dashboard, fetch, page, say
+from tests.tools.dashboard.pages import dashboard, fetch, page
 from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, RobotState, ScannerData
-from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.part_data import (
     lanes_data,
@@ -54,31 +51,6 @@ async def test_a_page_gets_the_state_of_the_robot(chassis: SimulatorThread) -> N
 
 
 @aio
-async def test_the_map_is_a_picture_with_marks(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        area = await viewer.until(lambda parts: parts["map"].get("resolution") and parts["map"])
-        assert math.isclose(area["resolution"], 0.05, abs_tol=1e-6)
-        assert "A2" in {mark["number"] for mark in area["marks"]}
-        status, headers, body = await fetch(running, f"/map/0/{area['number']}.png")
-        assert (status, headers["content-type"]) == (200, "image/png")
-        with Image.open(io.BytesIO(body)) as image:
-            assert image.format == "PNG"
-            assert image.width > 100
-
-
-@aio
-async def test_no_map_is_shown_but_the_one_that_the_robot_uses(chassis: SimulatorThread) -> None:
-    async with controlled(chassis) as viewer:
-        await viewer.until(lambda parts: parts["map"]["marks"])
-        chassis.refuse(full_name(SceneData), "the scene is damaged")
-        await viewer.give("switchMap", scene="scenex", map="scenex2")
-        area = await viewer.until(lambda parts: parts["map"]["error"] and parts["map"])
-        assert set(area) == {"number", "error"}
-        chassis.clear_faults()
-        await viewer.until(lambda parts: parts["map"]["name"] == "scenex2")
-
-
-@aio
 async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
@@ -98,19 +70,6 @@ async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) 
 
 
 @aio
-async def test_a_page_sees_an_emergency_stop_and_its_remedy(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        await viewer.until(lambda parts: parts["robot"]["known"])
-        chassis.set_emergency_stop(True)
-        robot = await viewer.until(lambda parts: parts["robot"]["emergencyStop"] and parts["robot"])
-        assert robot["objections"][0]["name"] == "emergency_stop"
-        codes = await viewer.until(lambda parts: parts["codes"])
-        assert codes[0]["level"] == "fault"
-        assert "emergency stop" in codes[0]["meaning"]
-        assert abs(codes[0]["time"] / 1000 - time.time()) < TIMEOUT
-
-
-@aio
 async def test_a_jump_of_the_robots_clock_moves_no_earlier_message(
     chassis: SimulatorThread,
 ) -> None:
@@ -127,29 +86,6 @@ async def test_a_jump_of_the_robots_clock_moves_no_earlier_message(
         )
         assert oldest == before
         assert abs(newest["time"] / 1000 - time.time()) < TIMEOUT
-
-
-@aio
-async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
-    config = LinkConfig("127.0.0.1", chassis.port)
-    async with (
-        dashboard(chassis) as running,
-        page(running) as viewer,
-        ChassisClient(config=config) as client,
-    ):
-        before = await viewer.until(lambda parts: parts["pose"])
-        await client.request(ExecTask(task_id=7, type=task_pb2.kPick, mark_no="A2"))
-        task = await viewer.until(lambda parts: parts["robot"]["task"])
-        assert (task["id"], task["running"]) == ("7", True)
-        reasons = await viewer.until(lambda parts: parts["robot"]["objections"])
-        assert [each["name"] for each in reasons] == ["busy"]
-        assert len(await viewer.until(lambda parts: parts["path"])) > 1
-        await viewer.until(
-            lambda parts: (
-                math.dist((parts["pose"]["x"], parts["pose"]["y"]), (before["x"], before["y"]))
-                > 0.3
-            )
-        )
 
 
 @aio
@@ -205,20 +141,6 @@ def test_a_speed_that_is_no_number_is_no_standstill() -> None:
 
 
 @aio
-async def test_a_lost_link_is_shown_with_the_last_state(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        await viewer.ready()
-        chassis.stop_listening()
-        link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
-        assert link["state"] == "lost"
-        assert link["error"]
-        assert link["advice"] == f"--ip 127.0.0.1:{chassis.port}"
-        assert viewer.parts["robot"]["id"] == 30001
-        chassis.listen()
-        await viewer.until(lambda parts: parts["link"]["good"])
-
-
-@aio
 async def test_a_lost_robot_that_nobody_has_watched_is_shown_with_its_map(
     chassis: SimulatorThread, other: SimulatorThread
 ) -> None:
@@ -228,42 +150,6 @@ async def test_a_lost_robot_that_nobody_has_watched_is_shown_with_its_map(
         await viewer.until(lambda parts: parts["fleet"][1]["link"] == "lost")
         await viewer.send(do="watch", robot=1)
         await viewer.until(lambda parts: parts["robot"]["id"] == 8 and parts["map"]["marks"])
-
-
-@aio
-async def test_another_robot_at_the_address_is_refused(chassis: SimulatorThread) -> None:
-    async with controlled(chassis) as viewer:
-        chassis.stop_listening()
-        await viewer.until(lambda parts: not parts["link"]["good"])
-        config = quick_config(port=chassis.port, tcp_port=0, robot_id=7)
-        with SimulatorThread(config) as other:
-            link = await viewer.until(
-                lambda parts: "robot 7 " in say(parts["link"]["error"]) and parts["link"]
-            )
-            assert "answers instead of robot 30001" in say(link["error"])
-            assert (link["good"], link["advice"]) == (False, "")
-            assert viewer.parts["robot"]["id"] == 30001
-            text = await viewer.refused("goMark", mark="A2")
-            assert "answers instead of robot 30001" in text
-            await viewer.until(lambda parts: parts["robot"]["id"] == 30001)
-            assert other.counts[full_name(ExecTask)] == 0
-        chassis.listen()
-        await viewer.until(lambda parts: parts["link"]["good"])
-
-
-@aio
-async def test_a_robot_that_hangs_has_no_data(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        await viewer.ready()
-        freeze = chassis.inject("freeze")  # the connection stays, and pings are answered
-        link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
-        assert link["state"] == "connected"
-        assert link["silence"] >= 1
-        await viewer.until(lambda parts: parts["link"]["silence"] > link["silence"])  # it counts
-        await viewer.until(lambda parts: parts["fleet"][0]["silence"] > 0)
-        freeze.clear()
-        await viewer.until(lambda parts: parts["link"]["good"])
-        await viewer.until(lambda parts: parts["fleet"][0]["silence"] == 0)
 
 
 @aio
