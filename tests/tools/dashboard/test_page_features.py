@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.tools.dashboard.pages import controlled, dashboard, fetch, last, page, place
-from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -34,7 +34,6 @@ from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_
 _REAL_GROUPS = Path(__file__).parents[2] / "facts/real_scene/action_groups.json"
 
 
-@aio
 async def test_a_way_is_planned_without_being_driven(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         here = await viewer.until(lambda parts: parts["pose"])
@@ -56,7 +55,6 @@ async def test_a_way_is_planned_without_being_driven(chassis: SimulatorThread) -
         assert reason == "the robot has lost its localisation (the robot: Request failed)"
 
 
-@aio
 async def test_the_path_of_a_task_that_runs_already_is_known(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.give("goMark", mark="A2")
@@ -65,7 +63,6 @@ async def test_the_path_of_a_task_that_runs_already_is_known(chassis: SimulatorT
         await viewer.until(lambda parts: parts["path"])
 
 
-@aio
 async def test_no_path_is_shown_but_that_of_a_task_or_navigation_on_this_map(
     chassis: SimulatorThread,
 ) -> None:
@@ -97,14 +94,12 @@ async def test_no_path_is_shown_but_that_of_a_task_or_navigation_on_this_map(
         await viewer.until(lambda parts: parts["link"]["good"] and not parts["path"])
 
 
-@aio
 async def test_a_robot_that_was_never_connected_is_not_lost(chassis: SimulatorThread) -> None:
     chassis.stop_listening()
     async with dashboard(chassis) as running, page(running) as viewer:
         await viewer.until(lambda parts: parts["fleet"][0]["link"] == "not connected")
 
 
-@aio
 async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         await eventually(lambda: len(running.robots[0].history["samples"]) > 1)
@@ -120,7 +115,6 @@ async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) ->
             assert delay > 0.0
 
 
-@aio
 async def test_a_speed_limit_holds_for_tasks_and_for_the_stick(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.give("speedLimit", limit=0.2)
@@ -142,7 +136,6 @@ async def test_a_speed_limit_holds_for_tasks_and_for_the_stick(chassis: Simulato
             assert last(chassis, Twist).linear == pytest.approx(0.1)
 
 
-@aio
 async def test_a_refused_speed_limit_is_told(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         chassis.refuse(full_name(ChangeNavMode), "not today")
@@ -151,7 +144,6 @@ async def test_a_refused_speed_limit_is_told(chassis: SimulatorThread) -> None:
         await viewer.until(lambda parts: parts["control"]["speedRefusal"] == "not today")
 
 
-@aio
 async def test_maps_are_made_and_switched(chassis: SimulatorThread) -> None:
     pytest.importorskip("scipy", reason="the simulated chassis makes maps with it")
     async with controlled(chassis) as viewer:
@@ -169,7 +161,6 @@ async def test_maps_are_made_and_switched(chassis: SimulatorThread) -> None:
         assert last(chassis, InitRobot).is_record
 
 
-@aio
 async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
     chassis: SimulatorThread, other: SimulatorThread
 ) -> None:
@@ -192,7 +183,6 @@ async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
         await viewer.until(lambda parts: parts["fleet"][1]["silence"] > 0)
 
 
-@aio
 async def test_a_card_that_cannot_be_made_is_logged(
     chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -204,7 +194,6 @@ async def test_a_card_that_cannot_be_made_is_logged(
         await eventually(lambda: "there is no order" in caplog.text)
 
 
-@aio
 async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True, host="0.0.0.0") as running:
         port = place(running).rpartition(":")[2]

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from PIL import Image
 
+from tests.asynchronous import TIMEOUT, eventually
 from tests.tools.dashboard.pages import dashboard, fetch, page
-from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -28,7 +28,6 @@ from woosh_robot_agent.tools.dashboard.part_data import (
 from woosh_robot_agent.tools.dashboard.parts import Parts
 
 
-@aio
 async def test_a_page_gets_the_state_of_the_robot(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
         pose = await viewer.until(lambda parts: parts["pose"])
@@ -50,7 +49,6 @@ async def test_a_page_gets_the_state_of_the_robot(chassis: SimulatorThread) -> N
         assert {"name": "wooshmap", "maps": ["wooshmap"]} in scenes
 
 
-@aio
 async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
@@ -69,7 +67,6 @@ async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) 
         await viewer.until(lambda parts: parts["map"]["marks"])  # that of the scene again
 
 
-@aio
 async def test_a_jump_of_the_robots_clock_moves_no_earlier_message(
     chassis: SimulatorThread,
 ) -> None:
@@ -88,7 +85,6 @@ async def test_a_jump_of_the_robots_clock_moves_no_earlier_message(
         assert abs(newest["time"] / 1000 - time.time()) < TIMEOUT
 
 
-@aio
 async def test_scans_are_requested_only_while_somebody_watches(chassis: SimulatorThread) -> None:
     scanner = full_name(ScannerData)
     async with dashboard(chassis, scan_rate=50.0) as running:
@@ -140,7 +136,6 @@ def test_a_speed_that_is_no_number_is_no_standstill() -> None:
     assert pose_data(info) is None
 
 
-@aio
 async def test_a_lost_robot_that_nobody_has_watched_is_shown_with_its_map(
     chassis: SimulatorThread, other: SimulatorThread
 ) -> None:
@@ -152,7 +147,6 @@ async def test_a_lost_robot_that_nobody_has_watched_is_shown_with_its_map(
         await viewer.until(lambda parts: parts["robot"]["id"] == 8 and parts["map"]["marks"])
 
 
-@aio
 async def test_a_standing_robot_with_rare_scans_has_data(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, scan_rate=0.1) as running, page(running) as viewer:
         await viewer.ready()
@@ -166,7 +160,6 @@ async def test_a_standing_robot_with_rare_scans_has_data(chassis: SimulatorThrea
         await eventually(is_asked)
 
 
-@aio
 async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
         robot = running.robots[0]
@@ -187,7 +180,6 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
         assert seen == {0}
 
 
-@aio
 async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
     chassis: SimulatorThread,
 ) -> None:
@@ -208,7 +200,6 @@ async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
         await slow.until(lambda parts: parts["pose"]["x"] == 2.5)
 
 
-@aio
 async def test_a_part_that_has_not_changed_is_not_encoded_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
