@@ -44,5 +44,5 @@ async def eventually(condition: Callable[[], Any], what: str = "", timeout: floa
     while not (value := condition()):
         if time.monotonic() > deadline:
             raise AssertionError(f"timed out waiting for {what or condition}")
-        await asyncio.sleep(0.002)
+        await asyncio.sleep(0.005)
     return value
