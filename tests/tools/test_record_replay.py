@@ -28,8 +28,8 @@ from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
 from woosh_robot_agent.tools.recording.timeline import prepare
 
 
-def simulator() -> SimulatedChassis:
-    return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=50, seed=1))
+def simulator(speed: float = 50.0) -> SimulatedChassis:
+    return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=speed, seed=1))
 
 
 def port_of(chassis: SimulatedChassis | ReplayedChassis, kind: str) -> int:
@@ -234,7 +234,7 @@ async def test_a_client_that_connects_while_the_proxy_stops_is_dropped(tmp_path,
 async def test_the_passive_client_sends_each_query_and_no_command(tmp_path):
     path = tmp_path / "a.mcap"
     queries = {query.request for query in QUERIES}
-    async with simulator() as chassis, recording(path, chassis.port) as port:
+    async with simulator(speed=1.0) as chassis, recording(path, chassis.port) as port:
         own = PassiveClient(link(port))
         own.start()
         await eventually(lambda: queries <= set(chassis.counts), "the last query")
@@ -249,7 +249,10 @@ async def test_the_passive_client_sends_each_query_and_no_command(tmp_path):
 
 async def test_a_query_that_ends_the_connection_is_sent_twice(tmp_path):
     queries = {query.request for query in QUERIES}
-    async with simulator() as chassis, recording(tmp_path / "a.mcap", chassis.port) as port:
+    async with (
+        simulator(speed=1.0) as chassis,
+        recording(tmp_path / "a.mcap", chassis.port) as port,
+    ):
         chassis.inject("truncated", type="woosh.robot.Battery", where="wire")
         own = PassiveClient(link(port))
         own.start()
