@@ -13,7 +13,15 @@ from collections.abc import Callable, Mapping, Sequence
 from benchmarks.figures import markdown
 from benchmarks.measurements.calls import POSE_SPEED, SCAN, call_repeatedly, calling
 from benchmarks.measurements.pushes import push_path
-from benchmarks.options import LINKS, Options, add_repetitions, make_parser, repetitions, report
+from benchmarks.options import (
+    LINKS,
+    Options,
+    add_repetitions,
+    make_parser,
+    measure_each,
+    repetitions,
+    report,
+)
 from woosh_robot_agent.testing import own_domain
 
 FIGURES = {
@@ -59,12 +67,15 @@ def compare(given: argparse.Namespace, measure_link: Callable[[int, Options], Co
     """
     found: dict[str, list[dict[str, float]]] = {}
     for repetition in range(repetitions(given)):
-        for name, (transport, encoding) in LINKS.items():
+
+        def measure_one(name: str, repetition: int = repetition) -> Columns:
             print(f"{repetition + 1}: {name}", file=sys.stderr, flush=True)
             with own_domain() as domain:
-                options = Options(given.smoke, transport, encoding)
-                for column, figures in measure_link(domain, options).items():
-                    found.setdefault(column or name, []).append(figures)
+                return measure_link(domain, Options(given.smoke, *LINKS[name]))
+
+        for name, columns in zip(LINKS, measure_each(given, measure_one, LINKS), strict=True):
+            for column, figures in columns.items():
+                found.setdefault(column or name, []).append(figures)
     return {
         column: {name: statistics.median(run[name] for run in runs) for name in runs[0]}
         for column, runs in found.items()

@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
+
+from woosh_robot_agent.testing import own_domain
 
 _TURNS = 5
 """Number of times that agent and floor are measured alternately in one repetition.
@@ -21,7 +24,10 @@ LINKS = {
 }
 """Transport and encoding of each kind of link, by its title in tables."""
 _SMOKE_SCALE = 0.01
+_SMOKE_THREADS = 3
+"""Number of measurements at a time if their figures mean nothing. Most of the time they wait."""
 Found = TypeVar("Found")
+Part = TypeVar("Part")
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,17 @@ def _positive(text: str) -> int:
 def repetitions(given: argparse.Namespace) -> int:
     """Return the number of repetitions."""
     return 1 if given.smoke else int(given.repeat)
+
+
+def measure_each(
+    given: argparse.Namespace, measure: Callable[[Part], Found], parts: Iterable[Part]
+) -> list[Found]:
+    """Measure parts of a benchmark one after the other, but in a smoke run some at a time."""
+    if not given.smoke:
+        return list(map(measure, parts))
+    # the outer domain keeps the variables set, which each inner one resets at its end
+    with own_domain(), ThreadPoolExecutor(_SMOKE_THREADS) as pool:
+        return list(pool.map(measure, parts))
 
 
 def report(

@@ -15,7 +15,14 @@ from benchmarks.figures import Spread, markdown
 from benchmarks.measurements.calls import SCAN, call_repeatedly, calling
 from benchmarks.measurements.fleet import WAYS, Fleet, served
 from benchmarks.measurements.pushes import PushPath, push_path
-from benchmarks.options import Options, add_repetitions, make_parser, repetitions, report
+from benchmarks.options import (
+    Options,
+    add_repetitions,
+    make_parser,
+    measure_each,
+    repetitions,
+    report,
+)
 from benchmarks.processes import running_agent, running_chassis
 from woosh_robot_agent.testing import own_domain
 
@@ -125,16 +132,18 @@ def main(arguments: Sequence[str]) -> int:
         "--only", nargs="+", choices=SWEEPS, default=list(SWEEPS), help="sizes to vary"
     )
     given = parser.parse_args(arguments)
-    found = {}
-    for name in given.only:
+
+    def measure(name: str) -> dict[str, list[tuple[float, ...]]]:
         repeated = []
         for repetition in range(repetitions(given)):
             print(f"{repetition + 1}: {name}", file=sys.stderr, flush=True)
             repeated.append(SWEEPS[name].measure(Options(given.smoke)))
-        found[name] = {
+        return {
             curve: [astuple(point) for point in points]
             for curve, points in _medians(repeated).items()
         }
+
+    found = dict(zip(given.only, measure_each(given, measure, given.only), strict=True))
     return report(given, found, _tables)
 
 

@@ -10,10 +10,10 @@ Each module in `measurements/` measures a group of figures, and has their target
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 from benchmarks.figures import Measured, Results, Target
@@ -32,7 +32,13 @@ from benchmarks.measurements import (
     stops,
     velocities,
 )
-from benchmarks.options import Options, add_repetitions, make_parser, repetitions
+from benchmarks.options import (
+    Options,
+    add_repetitions,
+    make_parser,
+    measure_each,
+    repetitions,
+)
 from woosh_robot_agent.testing import own_domain
 
 Measure = Callable[[int, Options], Measured]
@@ -57,8 +63,6 @@ GROUPS: tuple[Group, ...] = (
     (rosbridge.measure, rosbridge.FIGURES),
 )
 TARGETS = {name: target for _, figures in GROUPS for name, target in figures.items()}
-_SMOKE_THREADS = 3
-"""Number of measurements at a time if their figures mean nothing. Most of the time they wait."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -74,7 +78,7 @@ def main(arguments: Sequence[str]) -> int:
         "--only", nargs="+", choices=TARGETS, default=list(TARGETS), help="figures to measure"
     )
     given = parser.parse_args(arguments)
-    results = _measure(Options(given.smoke), repetitions(given), given.only)
+    results = _measure(given)
     without_rosbridge = "rosbridge" in given.only and "rosbridge" not in results.values
     if without_rosbridge:
         print(
@@ -85,19 +89,13 @@ def main(arguments: Sequence[str]) -> int:
     return 1 if without_rosbridge and len(given.only) < len(TARGETS) else 0
 
 
-def _measure(options: Options, repeat: int, only: Sequence[str]) -> Results:
+def _measure(given: argparse.Namespace) -> Results:
     """Return the requested figures, and those that are measured together with them."""
-    wanted = [group for group in GROUPS if set(group[1]) & set(only)]
+    wanted = [group for group in GROUPS if set(group[1]) & set(given.only)]
     results = Results()
-    for repetition in range(repeat):
-        run = partial(_run, repetition, options)
-        if options.smoke:
-            # the outer domain keeps the variables set, which each inner one resets at its end
-            with own_domain(), ThreadPoolExecutor(_SMOKE_THREADS) as pool:
-                found = list(pool.map(run, wanted))
-        else:
-            found = list(map(run, wanted))
-        for measured in found:
+    for repetition in range(repetitions(given)):
+        run = partial(_run, repetition, Options(given.smoke))
+        for measured in measure_each(given, run, wanted):
             results.add(measured)
     return results
 

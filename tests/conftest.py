@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import logging
 import os
 from collections.abc import Callable, Iterator
@@ -12,8 +13,12 @@ from typing import Any
 
 import pytest
 
+from tests.asynchronous import run_test
+
 _WARNINGS_ARE_ERRORS = ("tests/link/", "tests/motion/", "tests/robot/")
 """Folders of tests in which each warning is an error, e.g. about unclosed sockets."""
+_LEAVE_NO_TASKS = (*_WARNINGS_ARE_ERRORS, "tests/robustness/")
+"""Folders of asynchronous tests that fail if they leave a task."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -38,6 +43,17 @@ def _begin_with_the_longest(items: list[pytest.Item]) -> None:
     items[:] = []
     for number, (start, end) in enumerate(pairwise(sections)):
         items += long[number::processes] + short[start:end]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run asynchronous tests."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    names = inspect.signature(pyfuncitem.obj).parameters
+    test = pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names})
+    run_test(test, leaves_nothing=pyfuncitem.nodeid.startswith(_LEAVE_NO_TASKS))
+    return True
 
 
 def pytest_collection_finish() -> None:

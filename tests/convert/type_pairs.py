@@ -8,8 +8,6 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.link.protos import message_type
 
-ENDPOINTS = (*QUERIES, *COMMANDS, *TOPICS, *ACTIONS)
-
 
 def field_class(part: Any, name: str = "") -> Any:
     """Return the message class of a field; by default of the only field."""

@@ -1,4 +1,4 @@
-"""A scripted chassis for the link's tests, and the runner of asynchronous tests.
+"""A scripted chassis for the link's tests.
 
 It does not use the transports and codecs of the link.
 """
@@ -6,14 +6,12 @@ It does not use the transports and codecs of the link.
 from __future__ import annotations
 
 import asyncio
-import functools
-import gc
 import json
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
+from tests.asynchronous import TIMEOUT, eventually, others
 from woosh_robot_agent.link import Answer, ChassisClient, LinkConfig, LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
@@ -23,8 +21,6 @@ try:
 except ImportError:
     from websockets.legacy.server import serve
 
-TIMEOUT = 60.0
-"""Time after which a test stops waiting, in seconds; much longer than any of them needs."""
 LOAD = "x" * 16_000_000
 """Text that fills all buffers on the way to a chassis that reads nothing.
 
@@ -34,47 +30,6 @@ client.
 """
 INFO = "woosh.robot.RobotInfo"
 Frame = dict[str, Any]
-
-
-def aio(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-    """Run an asynchronous test, and check that it leaves no task and no unhandled exception."""
-
-    @functools.wraps(test)
-    def run(*args: Any, **kwargs: Any) -> None:
-        troubles: list[Any] = []
-
-        def note(context: dict[str, Any]) -> None:
-            # the server of websockets 10.4 raises when it ends during a handshake
-            if "'WebSocketServerProtocol'" not in str(context.get("exception")):
-                troubles.append(context)
-
-        async def main() -> None:
-            loop = asyncio.get_running_loop()
-            loop.set_exception_handler(lambda _, context: note(context))
-            await asyncio.wait_for(test(*args, **kwargs), TIMEOUT)
-            await eventually(lambda: not others(), f"tasks to end: {others()}", 10.0)
-            gc.collect()
-            await asyncio.sleep(0)
-
-        asyncio.run(main())
-        assert not troubles, troubles
-
-    return run
-
-
-def others() -> list[asyncio.Task[Any]]:
-    """Return all tasks except the current one."""
-    return [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
-
-
-async def eventually(condition: Callable[[], Any], what: str = "", timeout: float = TIMEOUT) -> Any:
-    """Poll until `condition` is true, and return its value."""
-    deadline = time.monotonic() + timeout
-    while not (value := condition()):
-        if time.monotonic() > deadline:
-            raise AssertionError(f"timed out waiting for {what or condition}")
-        await asyncio.sleep(0.002)
-    return value
 
 
 async def soon(work: Awaitable[Any], timeout: float = TIMEOUT / 2) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Peer, aio, answered, ask, eventually, linked, soon
+from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, linked, soon
 from woosh_robot_agent.link import Body, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.link.protos import full_name
@@ -63,7 +63,6 @@ async def occupy(peer: Peer, client: Any, gate: threading.Event) -> None:
     await eventually(began.is_set)
 
 
-@aio
 async def test_only_a_large_push_is_converted_in_another_thread() -> None:
     async with Peer() as peer, peer.client() as client:
         seen: list[tuple[int, str, str]] = []
@@ -88,7 +87,6 @@ async def test_only_a_large_push_is_converted_in_another_thread() -> None:
         assert {called for _, _, called in seen} == {here}
 
 
-@aio
 async def test_other_pushes_and_answers_do_not_wait_for_a_large_push(gate: threading.Event) -> None:
     async with Peer() as peer, peer.client() as client:
         poses: list[PoseSpeed] = []
@@ -100,7 +98,6 @@ async def test_other_pushes_and_answers_do_not_wait_for_a_large_push(gate: threa
         assert (await answered(client.request(Speak()), wire)).ok
 
 
-@aio
 async def test_pushes_of_the_same_type_wait_and_only_the_newest_count(
     gate: threading.Event,
 ) -> None:
@@ -117,7 +114,6 @@ async def test_pushes_of_the_same_type_wait_and_only_the_newest_count(
         assert lengths == [POSES, 0, 1, 2]
 
 
-@aio
 async def test_a_push_that_a_newer_one_overtook_while_it_was_decoded_is_dropped(
     gate: threading.Event,
 ) -> None:
@@ -134,7 +130,6 @@ async def test_a_push_that_a_newer_one_overtook_while_it_was_decoded_is_dropped(
         assert lengths == [1]
 
 
-@aio
 async def test_no_push_overtakes_a_large_robot_info_of_the_handshake(gate: threading.Event) -> None:
     """Otherwise the RobotInfo would replace newer values."""
     async with Peer(auto=False) as peer:
@@ -155,7 +150,6 @@ async def test_no_push_overtakes_a_large_robot_info_of_the_handshake(gate: threa
         await busy
 
 
-@aio
 async def test_an_urgent_request_overtakes_a_large_one_and_the_others_keep_their_order(
     gate: threading.Event,
 ) -> None:
@@ -178,7 +172,6 @@ async def test_an_urgent_request_overtakes_a_large_one_and_the_others_keep_their
         await soon(asyncio.gather(large, later))
 
 
-@aio
 async def test_a_large_request_that_is_withdrawn_while_it_is_encoded_is_not_sent(
     gate: threading.Event,
 ) -> None:
@@ -198,7 +191,6 @@ async def test_a_large_request_that_is_withdrawn_while_it_is_encoded_is_not_sent
         await soon(last)
 
 
-@aio
 async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays() -> None:
     async with linked() as (_peer, client, wire):
         connection = client._connection
@@ -215,7 +207,6 @@ async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays()
         assert (await answered(client.request(Speak()), wire)).ok
 
 
-@aio
 async def test_a_large_robot_info_is_converted_aside_and_later_pushes_wait_for_it(
     gate: threading.Event,
 ) -> None:

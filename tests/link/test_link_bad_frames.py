@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import websockets
 
-from tests.link.link_peer import TIMEOUT, aio, answered, ask, eventually, linked, soon, varint
+from tests.link.link_peer import TIMEOUT, answered, ask, eventually, linked, soon, varint
 from woosh_robot_agent.link import ConnectionLostError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
@@ -32,7 +32,6 @@ OLD = int(websockets.__version__.split(".")[0]) < 14
         ("tcp", b"\x00", "envelope"),
     ],
 )
-@aio
 async def test_a_bad_frame_is_counted_logged_once_and_skipped(
     kind: str, frame: Any, counted: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -60,7 +59,6 @@ async def test_a_bad_frame_is_counted_logged_once_and_skipped(
         assert levels("connected to ") == [logging.INFO] * 2
 
 
-@aio
 async def test_text_that_is_not_utf8_is_a_bad_frame() -> None:
     async with linked() as (peer, client, wire):
         wire.transport.write(b"\x81\x02\xff\xff")
@@ -74,7 +72,6 @@ async def test_text_that_is_not_utf8_is_a_bad_frame() -> None:
             assert client.stats.connects == 1
 
 
-@aio
 async def test_a_frame_over_the_limit_on_tcp_is_skipped() -> None:
     async with linked("tcp", max_frame_size=100_000) as (_peer, client, wire):
         for size in (100_001, 5_000_000):
@@ -84,7 +81,6 @@ async def test_a_frame_over_the_limit_on_tcp_is_skipped() -> None:
         assert client.stats.connects == 1
 
 
-@aio
 async def test_the_error_names_the_limit_that_a_websocket_frame_exceeded() -> None:
     async with linked(max_frame_size=1000) as (_peer, client, wire):
         task = ask(client, Speak())
@@ -101,7 +97,6 @@ async def test_the_error_names_the_limit_that_a_websocket_frame_exceeded() -> No
         (1009, "too big", r"1009 too big .*a frame from this side"),
     ],
 )
-@aio
 async def test_the_error_says_why_the_chassis_closed_the_connection(
     code: int, reason: str, told: str
 ) -> None:
@@ -114,7 +109,6 @@ async def test_the_error_says_why_the_chassis_closed_the_connection(
             await soon(task)
 
 
-@aio
 async def test_an_internal_error_ends_the_connection_but_not_the_client(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

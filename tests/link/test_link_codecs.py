@@ -91,13 +91,6 @@ def check_told(error: FrameError) -> None:
     str(error).encode()  # an error text that can be logged
 
 
-@settings(quick, max_examples=150)
-@given(st.binary(max_size=60) | st.text(max_size=60))
-def test_any_bytes_give_a_value_or_a_frame_error(data: str | bytes) -> None:
-    for codec in CODECS:
-        read(codec, data)
-
-
 surrogates = st.text(st.characters(codec=None), max_size=5)
 leaves = (
     st.none()
@@ -115,13 +108,6 @@ trees = st.recursive(
 )
 
 
-@settings(quick, max_examples=100)
-@given(st.dictionaries(st.sampled_from(["type", "body", "ok", "msg", "sn", "timestamp"]), trees))
-def test_any_envelope_gives_a_value_or_a_frame_error(frame: Any) -> None:
-    read(CODECS[0], json.dumps(frame))
-    read(CODECS[0], json.dumps({**frame, "type": "woosh.robot.PoseSpeed", "sn": 1}))
-
-
 @pytest.mark.parametrize("name", TABLE)
 def test_any_value_in_any_field_gives_a_value_or_a_field_error(name: str) -> None:
     cls = TYPES[name]
@@ -136,18 +122,6 @@ def test_any_value_in_any_field_gives_a_value_or_a_field_error(name: str) -> Non
             str(error).encode()
 
     check()
-
-
-@quick
-@given(st.sampled_from(TABLE), st.integers(0), st.data(), st.binary(min_size=1, max_size=3))
-def test_a_damaged_binary_frame_gives_a_value_or_a_frame_error(
-    name: str, seed: int, data: Any, noise: bytes
-) -> None:
-    message = filled(random.Random(seed), TYPES[name])
-    frame = ProtobufCodec().encode(name, message, sn=3, ok=True)
-    at = data.draw(st.integers(0, len(frame)))
-    read(ProtobufCodec(), frame[:at] + noise + frame[at + len(noise) :])
-    read(ProtobufCodec(), frame[:at])
 
 
 @pytest.mark.parametrize("depth", [50, 300, 800, 950, 990, 5000, 200_000])

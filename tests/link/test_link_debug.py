@@ -6,13 +6,12 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import Peer, aio, block, linked, soon, turns
+from tests.link.link_peer import Peer, block, linked, soon, turns
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 IDLE = {"requests": 0, "outbox": 0, "pushes": 0, "tasks": 5}
 
 
-@aio
 async def test_all_sizes_are_zero_without_a_link() -> None:
     async with Peer() as peer:
         client = peer.client()
@@ -23,7 +22,6 @@ async def test_all_sizes_are_zero_without_a_link() -> None:
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
-@aio
 async def test_requests_and_unsent_frames_are_counted(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
         tasks = [await block(client, wire)]

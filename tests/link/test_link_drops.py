@@ -7,7 +7,7 @@ import logging
 
 import pytest
 
-from tests.link.link_peer import aio, ask, delimited, eventually, linked
+from tests.link.link_peer import ask, delimited, eventually, linked
 from woosh_robot_agent.link import TooManyRequestsError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import DropLog
@@ -35,7 +35,6 @@ def about(caplog: pytest.LogCaptureFixture, *words: str) -> list[tuple[int, str]
     ]
 
 
-@aio
 async def test_refused_requests_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     async with linked(max_in_flight=1) as (_peer, client, wire):
         waiting = ask(client, Speak(text="first"))
@@ -54,7 +53,6 @@ async def test_refused_requests_are_counted_and_logged(caplog: pytest.LogCapture
     assert number.startswith("7 requests were refused")
 
 
-@aio
 async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     async with linked("tcp", push_queue=2) as (_peer, client, wire):
         seen: list[int] = []
@@ -70,7 +68,6 @@ async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFi
     assert texts[1].startswith(f"{dropped} pushes of {CODE} were dropped")
 
 
-@aio
 @pytest.mark.parametrize("kind", ["json", "tcp"])
 async def test_no_push_of_a_burst_is_dropped_if_the_consumer_is_quick(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
@@ -85,7 +82,6 @@ async def test_no_push_of_a_burst_is_dropped_if_the_consumer_is_quick(kind: str)
         assert seen == list(pushes)
 
 
-@aio
 async def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

@@ -13,7 +13,6 @@ from tests.link.link_peer import (
     TIMEOUT,
     Peer,
     RawServer,
-    aio,
     ask,
     block,
     config,
@@ -38,7 +37,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("backlog", [0, len(LOAD)])
-@aio
 async def test_a_close_ends_even_if_the_other_end_reads_nothing(kind: str, backlog: int) -> None:
     async with Peer(kind) as peer:
         client = await peer.client().__aenter__()
@@ -52,7 +50,6 @@ async def test_a_close_ends_even_if_the_other_end_reads_nothing(kind: str, backl
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
-@aio
 async def test_an_orderly_close_does_not_wait_for_the_close_timeout(kind: str) -> None:
     async with Peer(kind) as peer:
         client = await peer.client(close_timeout=10 * TIMEOUT).__aenter__()
@@ -61,7 +58,6 @@ async def test_an_orderly_close_does_not_wait_for_the_close_timeout(kind: str) -
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
-@aio
 async def test_a_cancelled_close_still_drops_the_connection(kind: str) -> None:
     async with Peer(kind) as peer:
         client = await peer.client(close_timeout=0.2).__aenter__()
@@ -78,7 +74,6 @@ async def test_a_cancelled_close_still_drops_the_connection(kind: str) -> None:
 
 
 @pytest.mark.parametrize("pause", [1, 20])
-@aio
 async def test_a_connection_whose_close_is_cancelled_is_dropped(pause: int) -> None:
     async with Peer("tcp") as peer, peer.client(close_timeout=TIMEOUT) as client:
         task = await block(client, await peer.wire())
@@ -96,7 +91,6 @@ async def test_a_connection_whose_close_is_cancelled_is_dropped(pause: int) -> N
 
 @pytest.mark.parametrize("pause", [0, 1, 2, 3, 5, 8, 13, 21, 34])
 @pytest.mark.parametrize("kind", ["json", "tcp"])
-@aio
 async def test_a_client_can_be_closed_at_any_moment_of_connecting(kind: str, pause: int) -> None:
     async with Peer(kind) as peer:
         client = peer.client()
@@ -109,7 +103,6 @@ async def test_a_client_can_be_closed_at_any_moment_of_connecting(kind: str, pau
             await soon(wire.gone.wait())
 
 
-@aio
 async def test_a_client_can_be_closed_twice_or_without_a_start_and_started_again() -> None:
     async with Peer() as peer:
         client = peer.client()
@@ -124,7 +117,6 @@ async def test_a_client_can_be_closed_twice_or_without_a_start_and_started_again
         assert client.stats.connects == 2
 
 
-@aio
 async def test_close_ends_wait_ready_with_an_error() -> None:
     async with RawServer(silent) as server:
         client = ChassisClient(config=config(server.port))
@@ -136,7 +128,6 @@ async def test_close_ends_wait_ready_with_an_error() -> None:
             await soon(waiting)
 
 
-@aio
 async def test_a_start_during_a_close_gives_one_link() -> None:
     async with Peer() as peer:
         client = await peer.client().__aenter__()
@@ -152,7 +143,6 @@ async def test_a_start_during_a_close_gives_one_link() -> None:
         await client.close()
 
 
-@aio
 async def test_a_new_configuration_moves_the_link_to_the_other_address() -> None:
     async with Peer() as one, Peer("tcp") as two, one.client() as client:
         wire = await one.wire()
@@ -169,7 +159,6 @@ async def test_a_new_configuration_moves_the_link_to_the_other_address() -> None
         assert len(one.wires) == 1
 
 
-@aio
 async def test_many_new_configurations_at_once_leave_one_link() -> None:
     async with Peer() as one, Peer() as two, one.client() as client:
         await asyncio.gather(*(client.reconfigure(p.config()) for p in (two, one, two, one, two)))
@@ -179,7 +168,6 @@ async def test_many_new_configurations_at_once_leave_one_link() -> None:
         assert not two.wires[-1].gone.is_set()
 
 
-@aio
 async def test_the_new_link_waits_until_the_old_one_is_closed() -> None:
     async with Peer() as one, Peer() as two, one.client() as client:
         (await one.wire()).freeze()
@@ -196,7 +184,6 @@ async def test_the_new_link_waits_until_the_old_one_is_closed() -> None:
         assert runners == [0]  # only the task that reports the state is left
 
 
-@aio
 async def test_a_new_configuration_during_a_close_starts_nothing() -> None:
     async with Peer() as peer:
         client = await peer.client().__aenter__()
@@ -209,7 +196,6 @@ async def test_a_new_configuration_during_a_close_starts_nothing() -> None:
         assert client.state is LinkState.STOPPED
 
 
-@aio
 async def test_a_cancelled_reconfigure_leaves_a_link() -> None:
     async with Peer() as one, Peer() as two, one.client() as client:
         (await one.wire()).freeze()
@@ -222,7 +208,6 @@ async def test_a_cancelled_reconfigure_leaves_a_link() -> None:
         await client.wait_ready(TIMEOUT)
 
 
-@aio
 async def test_a_timeout_passes_on_a_cancellation_that_meets_a_result() -> None:
     result: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     task = asyncio.ensure_future(run_with_timeout(5, result))
@@ -233,7 +218,6 @@ async def test_a_timeout_passes_on_a_cancellation_that_meets_a_result() -> None:
         await task
 
 
-@aio
 async def test_a_timeout_cancels_the_work() -> None:
     ended = asyncio.Event()
 
@@ -249,7 +233,6 @@ async def test_a_timeout_cancels_the_work() -> None:
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
-@aio
 async def test_an_attempt_cancelled_as_it_succeeds_leaves_no_socket(kind: str) -> None:
     async with Peer(kind) as peer:
         for pause in range(0, 60, 3):

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.link.link_peer import Frame, Peer, Wire, aio
+from tests.link.link_peer import Frame, Peer, Wire
 
 PAGE = Path(__file__).parents[2] / "docs/link_protocol.md"
 
 
 @pytest.mark.skipif(not PAGE.exists(), reason="a copy of the code without its documentation")
-@aio
 async def test_the_example_of_the_documentation_runs(capsys: pytest.CaptureFixture[str]) -> None:
     async def script(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == "woosh.robot.Speak":

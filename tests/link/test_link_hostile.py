@@ -15,7 +15,6 @@ from tests.link.link_peer import (
     TIMEOUT,
     Peer,
     RawServer,
-    aio,
     answered,
     ask,
     error_of,
@@ -37,7 +36,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 MIB = 1024 * 1024
 
 
-@aio
 async def test_redirects_are_not_followed() -> None:
     """A redirect could connect the agent to another machine."""
     async with Peer() as elsewhere:
@@ -56,7 +54,6 @@ async def test_redirects_are_not_followed() -> None:
             assert not elsewhere.wires
 
 
-@aio
 async def test_an_impossible_length_ends_the_connection_at_once() -> None:
     """Skipping such a frame would never end, and its bytes would count as signs of life."""
     async with linked("tcp") as (peer, client, wire):
@@ -176,7 +173,6 @@ def test_only_the_beginning_of_a_long_kind_is_remembered(
     assert [record.levelno for record in caplog.records] == [logging.WARNING, logging.DEBUG]
 
 
-@aio
 async def test_texts_of_the_chassis_are_logged_as_one_short_line(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -242,7 +238,6 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("frame", HOSTILE.values(), ids=HOSTILE)
-@aio
 async def test_a_hostile_push_or_answer_does_not_end_the_link(frame: str) -> None:
     async with linked() as (_peer, client, wire):
         client.subscribe(PoseSpeed, lambda _push: None)

@@ -6,12 +6,11 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import KINDS, aio, answered, ask, eventually, linked, soon
+from tests.link.link_peer import KINDS, answered, ask, eventually, linked, soon
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_requests_are_sent_in_the_order_of_their_calls(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
         sizes = [1, 8_000_000, 1, 10_000, 1, 1]
@@ -25,7 +24,6 @@ async def test_requests_are_sent_in_the_order_of_their_calls(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
     picture = "z" * (8 * 1024 * 1024)
     async with linked(kind) as (_peer, client, wire):
@@ -39,7 +37,6 @@ async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_traffic_shows_what_arrives_and_what_waits(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
         received, _ = client.traffic()

@@ -18,7 +18,6 @@ from tests.link.link_peer import (
     Peer,
     RawServer,
     Wire,
-    aio,
     config,
     drops,
     error_of,
@@ -43,7 +42,6 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 WHOLE_HTTP = b"HTTP/1.1 404 Not Found\r\nContent-Length: 2\r\nConnection: close\r\n\r\nno"
 
 
-@aio
 async def test_the_link_is_ready_with_the_first_robot_info_and_not_before() -> None:
     async with Peer(auto=False) as peer:
         client = peer.client()
@@ -66,7 +64,6 @@ async def test_the_link_is_ready_with_the_first_robot_info_and_not_before() -> N
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
-@aio
 async def test_an_attempt_ends_after_the_handshake_timeout(kind: str) -> None:
     async with Peer(kind, auto=False) as peer:
         error = await error_of(peer.client(handshake_timeout=0.05))
@@ -74,7 +71,6 @@ async def test_an_attempt_ends_after_the_handshake_timeout(kind: str) -> None:
         assert "woosh.robot.RobotInfo within 0.05 s" in str(error)
 
 
-@aio
 async def test_an_unreadable_robot_info_costs_only_the_first_values() -> None:
     async with Peer(info={"state": []}) as peer, peer.client() as client:
         assert client.state is LinkState.READY
@@ -90,7 +86,6 @@ async def test_an_unreadable_robot_info_costs_only_the_first_values() -> None:
         ({"type": "woosh.New"}, "unknown type"),
     ],
 )
-@aio
 async def test_a_chassis_without_a_robot_info_is_refused(changes: Any, reason: str) -> None:
     async def script(wire: Wire, frame: Frame) -> bool:
         await wire.answer(frame, **changes)
@@ -103,7 +98,6 @@ async def test_a_chassis_without_a_robot_info_is_refused(changes: Any, reason: s
 
 
 @pytest.mark.parametrize("transport", ["websocket", "tcp"])
-@aio
 async def test_a_refused_connection_is_reported(transport: str) -> None:
     async with RawServer(drops) as server:
         port = server.port
@@ -122,7 +116,6 @@ async def test_a_refused_connection_is_reported(transport: str) -> None:
         (b"HTTP/1.1 200 OK\r\n\r\n", "."),
     ],
 )
-@aio
 async def test_a_server_that_does_not_speak_websocket_is_reported(said: bytes, told: str) -> None:
     async def handle(reader: Any, writer: Any) -> None:
         if said:
@@ -136,7 +129,6 @@ async def test_a_server_that_does_not_speak_websocket_is_reported(said: bytes, t
         assert re.match(told, str(error))
 
 
-@aio
 async def test_an_attempt_at_a_silent_server_ends_after_the_connect_timeout() -> None:
     async with RawServer(silent) as server:
         client = ChassisClient(config=config(server.port, connect_timeout=0.05, close_timeout=10))
@@ -153,7 +145,6 @@ async def test_an_attempt_at_a_silent_server_ends_after_the_connect_timeout() ->
         (b"\xff" * 40, Exception, "not delimited protobuf"),  # a length that is no varint
     ],
 )
-@aio
 async def test_a_server_that_does_not_speak_protobuf_on_the_tcp_port_is_reported(
     said: bytes, kind: type[Exception], told: str
 ) -> None:
@@ -168,19 +159,16 @@ async def test_a_server_that_does_not_speak_protobuf_on_the_tcp_port_is_reported
         assert told in str(error)
 
 
-@aio
 async def test_an_unknown_host_name_is_reported() -> None:
     error = await error_of(ChassisClient(config=config(1, ip="no-such-host.invalid")))
     assert isinstance(error, NotConnectedError)
 
 
-@aio
 async def test_a_host_name_is_resolved() -> None:
     async with Peer() as peer, peer.client(ip="localhost") as client:
         assert client.state is LinkState.READY
 
 
-@aio
 async def test_async_with_fails_in_time_and_leaves_nothing() -> None:
     async with RawServer(drops) as server:
         port = server.port
@@ -192,7 +180,6 @@ async def test_async_with_fails_in_time_and_leaves_nothing() -> None:
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
-@aio
 async def test_async_with_can_be_cancelled(kind: str) -> None:
     async with Peer(kind, auto=False) as peer:
         client = peer.client()
@@ -207,7 +194,6 @@ async def test_async_with_can_be_cancelled(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_a_lost_link_comes_back(kind: str) -> None:
     async with Peer(kind) as peer, peer.client() as client:
         seen = states(client)
@@ -220,7 +206,6 @@ async def test_a_lost_link_comes_back(kind: str) -> None:
         assert client.last_error is None
 
 
-@aio
 async def test_the_loss_is_known_before_the_close_has_ended() -> None:
     async with Peer() as peer, peer.client(close_timeout=10, liveness_timeout=0.5) as client:
         (await peer.wire()).freeze()
@@ -244,7 +229,6 @@ def test_pauses_double_up_to_the_longest_with_jitter() -> None:
 
 
 @pytest.mark.parametrize(("stable_after", "grows"), [(500.0, True), (0.0, False)])
-@aio
 async def test_pauses_are_reset_only_after_a_stable_link(stable_after: float, grows: bool) -> None:
     times: list[float] = []
 
@@ -268,7 +252,6 @@ async def test_pauses_are_reset_only_after_a_stable_link(stable_after: float, gr
         assert min(pauses[5:]) < 0.8 * 0.05 * 2**5
 
 
-@aio
 async def test_failures_and_the_recovery_are_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -290,7 +273,6 @@ async def test_failures_and_the_recovery_are_logged_once(
     assert ready == [logging.INFO]
 
 
-@aio
 async def test_robot_info_is_requested_again_if_no_answer_comes() -> None:
     """The first answer to any of the requests counts."""
     unanswered: list[Frame] = []

@@ -18,7 +18,6 @@ from tests.link.link_peer import (
     TIMEOUT,
     Frame,
     Wire,
-    aio,
     ask,
     delimited,
     eventually,
@@ -65,7 +64,6 @@ def count_probes(client: ChassisClient) -> list[bool]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_a_half_open_connection_is_noticed(kind: str) -> None:
     async with linked(kind, liveness_timeout=0.3) as (peer, client, wire):
         wire.freeze()
@@ -76,7 +74,6 @@ async def test_a_half_open_connection_is_noticed(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_a_quiet_chassis_that_answers_probes_stays_connected(kind: str) -> None:
     async def script(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == "woosh.robot.RobotState":
@@ -96,7 +93,6 @@ async def test_a_quiet_chassis_that_answers_probes_stays_connected(kind: str) ->
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
-@aio
 async def test_probes_are_sent_only_when_idle(kind: str) -> None:
     async with linked(kind, liveness_timeout=2.5) as (_peer, client, wire):
         probes = count_probes(client)
@@ -113,7 +109,6 @@ async def test_probes_are_sent_only_when_idle(kind: str) -> None:
         await eventually(lambda: probes)
 
 
-@aio
 async def test_bad_frames_are_not_a_sign_of_life() -> None:
     async with linked("tcp", liveness_timeout=0.2) as (_peer, client, wire):
         async with repeating(lambda: wire.raw(b"\x02\xff\xff")):
@@ -122,7 +117,6 @@ async def test_bad_frames_are_not_a_sign_of_life() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_a_frame_that_trickles_in_is_not_a_sign_of_life(kind: str) -> None:
     async with linked(kind, liveness_timeout=0.5) as (_peer, client, wire):
         wire.freeze()  # from now on only the trickling bytes arrive
@@ -141,7 +135,6 @@ async def test_a_frame_that_trickles_in_is_not_a_sign_of_life(kind: str) -> None
 
 @pytest.mark.parametrize("size", [100 * 1024, 2 * 1024 * 1024])
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_a_large_frame_on_a_slow_network_is_a_sign_of_life(kind: str, size: int) -> None:
     async with linked(kind, liveness_timeout=1.0) as (_peer, client, wire):
         wire.freeze()  # no pongs: a pong waits behind the big frame
@@ -168,7 +161,6 @@ async def test_a_large_frame_on_a_slow_network_is_a_sign_of_life(kind: str, size
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
-@aio
 async def test_a_chassis_that_pushes_but_reads_nothing_is_lost(kind: str) -> None:
     async with linked(kind, liveness_timeout=0.3) as (_peer, client, wire):
         wire.freeze()
@@ -197,7 +189,6 @@ def liveness_of(
     return Liveness(quiet, timeout, probe, lambda: 0)
 
 
-@aio
 async def test_a_chassis_that_reads_a_large_frame_slowly_is_alive() -> None:
     slow = Quiet()
     watching = asyncio.ensure_future(liveness_of(slow, 0.8).watch())
@@ -235,7 +226,6 @@ def test_a_loss_is_noticed_within_the_timeout_though_timers_fire_late() -> None:
     assert 9.0 < loop.now <= 10.0
 
 
-@aio
 async def test_time_in_which_this_program_was_busy_does_not_count_as_silence() -> None:
     """While the program decodes a frame of many MiB for seconds, it receives nothing."""
     asked = 0

@@ -7,7 +7,7 @@ import random
 from collections.abc import AsyncIterator, Iterator
 from typing import Any
 
-from tests.link.link_peer import aio, config, eventually, serve, soon, turns
+from tests.link.link_peer import config, eventually, serve, soon, turns
 from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.link.transport import ClientSocket, open_transport
 
@@ -23,7 +23,6 @@ def frames(count: int) -> Iterator[str | list[str]]:
         yield shuffled.choice([text, text, text, [text, "a", "b"], text + "x" * LARGE])
 
 
-@aio
 async def test_frames_keep_their_order_however_they_arrive() -> None:
     count = 300
     go_on = asyncio.Event()

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import INFO, TIMEOUT, Frame, Peer, Wire, aio, ask, eventually, soon
+from tests.link.link_peer import INFO, TIMEOUT, Frame, Peer, Wire, ask, eventually, soon
 from woosh_robot_agent.link import (
     ChassisClient,
     ConnectionLostError,
@@ -48,7 +48,6 @@ async def push_first(wire: Wire, frame: Frame) -> bool:
         (info(0, 11), info(0, 12)),
     ],
 )
-@aio
 async def test_another_robot_after_a_reconnect_is_refused_until_the_first_is_back(
     first: Frame, then: Frame
 ) -> None:
@@ -76,7 +75,6 @@ async def test_another_robot_after_a_reconnect_is_refused_until_the_first_is_bac
 
 
 @pytest.mark.parametrize("then", [info(1, 11), info(0, 0), info(1, 0)])
-@aio
 async def test_a_robot_that_reports_fewer_numbers_is_the_same(then: Frame) -> None:
     async with Peer() as peer:
         peer.info = info(1, 11)
@@ -91,7 +89,6 @@ async def test_a_robot_that_reports_fewer_numbers_is_the_same(then: Frame) -> No
             await eventually(lambda: isinstance(client.last_error, OtherRobotError))
 
 
-@aio
 async def test_another_robot_at_a_new_address_is_refused() -> None:
     async with Peer() as one, Peer() as two:
         one.info, two.info = info(1), info(2)
@@ -113,7 +110,6 @@ async def test_another_robot_at_a_new_address_is_refused() -> None:
             assert frame not in [frame for wire in two.wires for frame in wire.seen]
 
 
-@aio
 async def test_pushes_before_the_first_robot_info_are_held_until_it_is_known() -> None:
     async with Peer(script=push_first) as peer:
         peer.info = info(1)
@@ -123,7 +119,6 @@ async def test_pushes_before_the_first_robot_info_are_held_until_it_is_known() -
             await eventually(lambda: told == [11, "robot 1"])
 
 
-@aio
 async def test_pushes_of_a_failed_handshake_are_discarded() -> None:
     async def refuse_first(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == INFO and len(wire.peer.wires) == 1:

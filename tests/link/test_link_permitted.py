@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import Peer, aio, answered, ask, block, linked, soon, turns
+from tests.link.link_peer import Peer, answered, ask, block, linked, soon, turns
 from woosh_robot_agent.link import ChassisClient, NotPermittedError, Sending, SupersededError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetMuteCall, Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
@@ -22,7 +22,6 @@ def is_battery(message: Message) -> bool:
 
 
 @pytest.mark.parametrize("reserved", [False, True])
-@aio
 async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
     async with linked() as (_peer, client, wire):
         send = client.reserve(is_battery) if reserved else client.send
@@ -40,7 +39,6 @@ async def test_only_permitted_requests_are_sent(reserved: bool) -> None:
         assert asked == [BATTERY, SPEAK, SPEAK]
 
 
-@aio
 async def test_the_links_own_requests_are_always_sent() -> None:
     async with Peer() as peer:
         client = peer.client()
@@ -49,7 +47,6 @@ async def test_the_links_own_requests_are_always_sent() -> None:
             pass  # the link is ready
 
 
-@aio
 async def test_reserved_requests_are_sent_by_their_owner_only() -> None:
     async with linked() as (_peer, client, wire):
         send = client.reserve(lambda message: isinstance(message, SetMuteCall))
@@ -68,7 +65,6 @@ async def test_reserved_requests_are_sent_by_their_owner_only() -> None:
     ],
     ids=["withdrawn", "not permitted any more"],
 )
-@aio
 async def test_a_waiting_request_that_is_withdrawn_is_not_sent(
     withdraw: Callable[[ChassisClient], None],
 ) -> None:
@@ -87,7 +83,6 @@ async def test_a_waiting_request_that_is_withdrawn_is_not_sent(
         assert "woosh.robot.SetMuteCall" not in [frame["type"] for frame in wire.seen]
 
 
-@aio
 async def test_a_request_that_waited_too_long_is_not_sent() -> None:
     async with linked() as (_peer, client, wire):
         load = await block(client, wire)

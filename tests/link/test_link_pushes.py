@@ -18,7 +18,6 @@ from tests.link.link_peer import (
     Frame,
     Peer,
     Wire,
-    aio,
     answered,
     delimited,
     eventually,
@@ -54,7 +53,6 @@ def pose(kind: str, map_id: int) -> Any:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) -> None:
     async with Peer(kind) as peer:
         client = peer.client()
@@ -75,7 +73,6 @@ async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) ->
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_subscribing_and_unsubscribing_work_while_connected(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
         first: list[int] = []
@@ -99,7 +96,6 @@ async def test_subscribing_and_unsubscribing_work_while_connected(kind: str) -> 
         assert (first, second) == ([1], [1, 2])
 
 
-@aio
 async def test_one_callback_subscribed_twice_is_two_subscriptions() -> None:
     async with linked() as (_peer, client, wire):
         seen: list[Any] = []
@@ -113,7 +109,6 @@ async def test_one_callback_subscribed_twice_is_two_subscriptions() -> None:
         assert len(seen) == 1
 
 
-@aio
 async def test_a_subscription_during_the_handshake_is_sent() -> None:
     async with Peer(auto=False) as peer:
         client = peer.client()
@@ -134,7 +129,6 @@ def test_a_type_that_the_chassis_does_not_have_cannot_be_subscribed() -> None:
     client.subscribe(MessagePackJson, print)
 
 
-@aio
 async def test_the_snapshot_is_delivered_in_its_place_among_the_pushes() -> None:
     seen: list[Any] = []
 
@@ -158,7 +152,6 @@ async def test_the_snapshot_is_delivered_in_its_place_among_the_pushes() -> None
             assert seen == [1, "hall", 2] * 2
 
 
-@aio
 async def test_a_robot_info_requested_later_is_not_a_snapshot() -> None:
     async with Peer() as peer, peer.client() as client:
         seen: list[RobotInfo] = []
@@ -168,7 +161,6 @@ async def test_a_robot_info_requested_later_is_not_a_snapshot() -> None:
         assert seen == []
 
 
-@aio
 async def test_an_exception_of_a_callback_is_logged_and_delivery_goes_on(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -192,7 +184,6 @@ async def test_an_exception_of_a_callback_is_logged_and_delivery_goes_on(
         assert len([r for r in caplog.records if r.message == "a callback failed"]) >= 4
 
 
-@aio
 async def test_an_unreadable_push_is_counted_and_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -208,7 +199,6 @@ async def test_an_unreadable_push_is_counted_and_logged_once(
         assert levels == [logging.WARNING, logging.DEBUG]
 
 
-@aio
 async def test_pushes_without_a_subscriber_are_ignored() -> None:
     async with linked() as (_peer, client, wire):
         await wire.push("woosh.New", {"a": 1})
@@ -219,7 +209,6 @@ async def test_pushes_without_a_subscriber_are_ignored() -> None:
         assert client.stats.connects == 1
 
 
-@aio
 async def test_an_error_without_a_request_is_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -232,7 +221,6 @@ async def test_an_error_without_a_request_is_logged_once(
         assert levels == [logging.WARNING, logging.DEBUG]
 
 
-@aio
 async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
     async with linked() as (_peer, client, wire):
         codes: list[int] = []
@@ -250,7 +238,6 @@ async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
         )
 
 
-@aio
 async def test_a_slow_consumer_does_not_delay_answers() -> None:
     async with linked() as (_peer, client, wire):
         loop = asyncio.get_running_loop()
@@ -270,7 +257,6 @@ async def test_a_slow_consumer_does_not_delay_answers() -> None:
         assert len(seen) < 40  # the answer came before all of them were delivered
 
 
-@aio
 async def test_a_flood_does_not_delay_answers_and_consumers() -> None:
     async with linked("tcp") as (_peer, client, wire):
         seen: list[Any] = []
@@ -296,7 +282,6 @@ async def taken(queue: PushQueue, count: int) -> None:
         queue.get()()
 
 
-@aio
 async def test_the_queue_keeps_the_newest_pushes_of_each_type_up_to_its_limit() -> None:
     dropped: Counter[str] = Counter()
     queue = PushQueue({"counted": 20}, dropped)
@@ -319,7 +304,6 @@ async def test_the_queue_keeps_the_newest_pushes_of_each_type_up_to_its_limit() 
     assert dropped["state"] == 20
 
 
-@aio
 async def test_a_burst_after_an_idle_time_is_delivered_in_one_turn() -> None:
     """Otherwise the reader adds the next pushes to those of the burst, and the queue overflows."""
     record = LinkRecord(logging.getLogger())
@@ -337,7 +321,6 @@ async def test_a_burst_after_an_idle_time_is_delivered_in_one_turn() -> None:
     delivery.cancel()
 
 
-@aio
 async def test_pushes_tell_the_difference_of_the_clocks_too() -> None:
     async with linked() as (_peer, client, wire):
         for ahead in (-3600.0, 7200.0):

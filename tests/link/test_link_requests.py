@@ -16,7 +16,6 @@ from tests.link.link_peer import (
     Frame,
     Peer,
     Wire,
-    aio,
     answered,
     ask,
     block,
@@ -42,7 +41,6 @@ def pending(client: ChassisClient) -> int:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_a_request_returns_its_answer(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
         answer = ask(client, SwitchControlMode(mode=1))  # type: ignore[arg-type]
@@ -62,7 +60,6 @@ async def test_a_request_returns_its_answer(kind: str) -> None:
         assert (got.body, got.defect) == (expected, "")
 
 
-@aio
 async def test_sns_start_again_at_one_and_skip_those_in_use() -> None:
     async with linked() as (_peer, client, wire):
         first = ask(client, Speak())
@@ -79,7 +76,6 @@ async def test_sns_start_again_at_one_and_skip_those_in_use() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_answers_may_come_in_any_order(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
         tasks = [ask(client, Speak(text=str(i))) for i in range(5)]
@@ -100,7 +96,6 @@ async def test_answers_may_come_in_any_order(kind: str) -> None:
         ({"msg": "Request succeed", "type": "no.Type"}, "the answer cannot be read: "),
     ],
 )
-@aio
 async def test_a_refusal_and_an_unreadable_answer_have_a_reason(
     answer: dict[str, Any], reason: str
 ) -> None:
@@ -110,7 +105,6 @@ async def test_a_refusal_and_an_unreadable_answer_have_a_reason(
         assert bool(got.reason) == bool(reason)
 
 
-@aio
 async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -134,7 +128,6 @@ async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
         assert not client.stats.bad_frames
 
 
-@aio
 async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> None:
     async with linked() as (_peer, client, wire):
         for type_name, body in (("woosh.robot.Battery", Battery(power=5)), ("woosh.New", None)):
@@ -146,14 +139,12 @@ async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> Non
 
 
 @pytest.mark.parametrize("changes", [{"type": "error"}, {"type": "error", "body": None}, {}])
-@aio
 async def test_a_refusal_is_an_answer_with_the_chassis_own_text(changes: Any) -> None:
     async with linked() as (_peer, client, wire):
         answer = await answered(client.request(Speak()), wire, ok=False, msg="未初始化", **changes)
         assert (answer.ok, answer.msg) == (False, "未初始化")
 
 
-@aio
 async def test_a_frame_with_nothing_but_its_sn_is_a_refusal() -> None:
     async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
@@ -166,7 +157,6 @@ async def test_a_frame_with_nothing_but_its_sn_is_a_refusal() -> None:
 
 @pytest.mark.parametrize("ok", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_an_unreadable_body_is_logged_and_counted(kind: str, ok: bool) -> None:
     async with linked(kind) as (_peer, client, wire):
         task = ask(client, PoseSpeed())
@@ -179,7 +169,6 @@ async def test_an_unreadable_body_is_logged_and_counted(kind: str, ok: bool) -> 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_a_timeout_names_the_message_and_the_time(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
         with pytest.raises(RequestTimeoutError, match=r"woosh\.robot\.Speak within 0\.05 s"):
@@ -189,14 +178,12 @@ async def test_a_timeout_names_the_message_and_the_time(kind: str) -> None:
         await wire.next("woosh.robot.Speak")
 
 
-@aio
 async def test_the_configured_timeout_is_the_default() -> None:
     async with Peer() as peer, peer.client(request_timeout=0.04) as client:
         with pytest.raises(RequestTimeoutError, match=r"0\.04 s"):
             await client.request(Speak())
 
 
-@aio
 async def test_a_short_timeout_does_not_wait_for_a_long_one() -> None:
     async with linked() as (_peer, client, wire):
         long = ask(client, Speak(), timeout=600.0)
@@ -208,7 +195,6 @@ async def test_a_short_timeout_does_not_wait_for_a_long_one() -> None:
         assert (await soon(long)).ok
 
 
-@aio
 async def test_cancellation_passes_through_and_leaves_nothing() -> None:
     async with linked() as (_peer, client, wire):
         task = ask(client, Speak())
@@ -221,7 +207,6 @@ async def test_cancellation_passes_through_and_leaves_nothing() -> None:
         await eventually(lambda: client.stats.late_answers == 1)
 
 
-@aio
 async def test_requests_over_the_limit_fail_at_once_and_are_not_sent() -> None:
     async with linked(max_in_flight=2) as (_peer, client, wire):
         tasks = [ask(client, Speak()), ask(client, Speak())]
@@ -238,7 +223,6 @@ async def test_requests_over_the_limit_fail_at_once_and_are_not_sent() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_a_lost_connection_fails_pending_requests_and_nothing_is_sent_again(
     kind: str,
 ) -> None:
@@ -262,7 +246,6 @@ async def test_a_lost_connection_fails_pending_requests_and_nothing_is_sent_agai
         assert {frame["type"] for frame in again.seen} == {INFO, "woosh.robot.Battery"}
 
 
-@aio
 async def test_an_unsent_request_is_not_sent_after_a_reconnect() -> None:
     async with linked(liveness_timeout=0.4) as (peer, client, wire):
         wire.freeze()
@@ -275,7 +258,6 @@ async def test_an_unsent_request_is_not_sent_after_a_reconnect() -> None:
         assert [frame["type"] for frame in again.seen] == [INFO]
 
 
-@aio
 async def test_a_request_without_a_link_says_why() -> None:
     async with Peer() as peer:
         client = peer.client(backoff_min=5, backoff_max=5)
@@ -292,7 +274,6 @@ async def test_a_request_without_a_link_says_why() -> None:
                 await client.request(Speak())
 
 
-@aio
 async def test_a_request_at_the_moment_of_a_loss_says_why() -> None:
     async with Peer() as peer, peer.client() as client:
         assert client._connection is not None
@@ -304,7 +285,6 @@ async def test_a_request_at_the_moment_of_a_loss_says_why() -> None:
             await client.request(Speak())
 
 
-@aio
 async def test_the_links_own_requests_name_the_robot() -> None:
     async with Peer("tcp") as peer, peer.client(robot_id=7, liveness_timeout=0.3):
         wire = await peer.wire()
@@ -316,7 +296,6 @@ async def test_the_links_own_requests_name_the_robot() -> None:
         }
 
 
-@aio
 async def test_cancelled_requests_do_not_pile_up_unsent() -> None:
     async with linked() as (_peer, client, wire):
         first = await block(client, wire)
@@ -334,7 +313,6 @@ async def test_cancelled_requests_do_not_pile_up_unsent() -> None:
         await soon(asyncio.gather(first, task))
 
 
-@aio
 async def test_a_tap_sees_the_answer_in_its_place_among_the_pushes() -> None:
     seen: list[Any] = []
 
@@ -353,7 +331,6 @@ async def test_a_tap_sees_the_answer_in_its_place_among_the_pushes() -> None:
     assert seen == [1, "answer", 2]
 
 
-@aio
 async def test_no_tap_is_dropped_however_many_are_queued() -> None:
     seen: list[Any] = []
     async with linked(push_queue=1) as (_peer, client, wire):
@@ -365,7 +342,6 @@ async def test_no_tap_is_dropped_however_many_are_queued() -> None:
         await eventually(lambda: len(seen) == 40)
 
 
-@aio
 async def test_the_round_trip_is_measured() -> None:
     async with Peer() as peer, peer.client() as client:
         assert client.stats.round_trip is not None

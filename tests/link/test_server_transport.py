@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import aio, config, soon
+from tests.link.link_peer import config, soon
 from woosh_robot_agent.link.server import serve_tcp, serve_websocket
 from woosh_robot_agent.link.transport import CHUNK, TransportClosedError, open_transport
 
@@ -42,7 +42,6 @@ async def serve_nobody(_: Any) -> None:
 @pytest.mark.parametrize(
     ("transport", "serve"), [("websocket", serve_websocket), ("tcp", serve_tcp)]
 )
-@aio
 async def test_writing_to_a_client_that_leaves_tells_that_the_connection_has_ended(
     transport: str, serve: Any
 ) -> None:
@@ -66,7 +65,6 @@ async def test_writing_to_a_client_that_leaves_tells_that_the_connection_has_end
     await listener.close()
 
 
-@aio
 async def test_too_large_message_is_refused_before_all_of_it_has_arrived() -> None:
     ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
 
@@ -92,7 +90,6 @@ async def test_too_large_message_is_refused_before_all_of_it_has_arrived() -> No
         sending.cancel()
 
 
-@aio
 async def test_client_closes_a_connection_that_sends_its_last_bytes_meanwhile() -> None:
     closing: asyncio.Future[None] = asyncio.get_running_loop().create_future()
     received: asyncio.Future[int] = asyncio.get_running_loop().create_future()
@@ -116,14 +113,12 @@ async def test_client_closes_a_connection_that_sends_its_last_bytes_meanwhile() 
     server.close()
 
 
-@aio
 @pytest.mark.parametrize("line", [b"Sec-WebSocket-Version: 1", b"Sec-WebSocket-Key: A", b"Host: h"])
 async def test_headers_that_are_no_text_are_refused(line: bytes) -> None:
     async with streams(serve_nobody, HANDSHAKE.replace(line, line + b"\xa2")) as (reader, _):
         assert (await soon(reader.readline())).startswith(b"HTTP/1.1 400")
 
 
-@aio
 async def test_plain_request_is_told_that_the_port_serves_websockets() -> None:
     request = b"POST /woosh/robot/Mode HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n"
     async with streams(serve_nobody, request) as (reader, _):

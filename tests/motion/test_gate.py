@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, answered, block, eventually, soon, turns
+from tests.link.link_peer import TIMEOUT, Frame, Wire, answered, block, eventually, soon, turns
 from tests.motion.gate_checks import (
     NEVER,
     ORDERS,
@@ -50,7 +50,6 @@ async def refuse_zeros(wire: Wire, frame: Frame) -> bool:
 
 
 @every_moving_request
-@aio
 async def test_moving_requests_are_refused_outside_the_gate(request_: Message) -> None:
     async with gated() as rig:
         with pytest.raises(RuntimeError, match="reserved"):
@@ -60,7 +59,6 @@ async def test_moving_requests_are_refused_outside_the_gate(request_: Message) -
         assert types(rig.wire) == [request_.DESCRIPTOR.full_name]
 
 
-@aio
 async def test_a_client_can_have_only_one_gate() -> None:
     async with gated() as rig:
         with pytest.raises(RuntimeError, match="reserved already"):
@@ -68,7 +66,6 @@ async def test_a_client_can_have_only_one_gate() -> None:
 
 
 @every_moving_request
-@aio
 async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> None:
     async with gated(answer_nothing) as rig:
         task = asyncio.ensure_future(rig.gate.request(request_))
@@ -86,7 +83,6 @@ async def test_nothing_is_sent_again_after_a_lost_link(request_: Message) -> Non
 # Stops
 
 
-@aio
 async def test_a_stop_sends_the_zero_first_and_then_every_cancel() -> None:
     async with gated() as rig:
         report = await soon(rig.gate.stop(TIMEOUT))
@@ -101,7 +97,6 @@ async def test_a_stop_sends_the_zero_first_and_then_every_cancel() -> None:
 
 
 @every_moving_request
-@aio
 async def test_after_a_stop_nothing_that_moves_is_sent(request_: Message) -> None:
     async with gated() as rig:
         await soon(rig.gate.stop(TIMEOUT))
@@ -112,7 +107,6 @@ async def test_after_a_stop_nothing_that_moves_is_sent(request_: Message) -> Non
 
 
 @every_moving_request
-@aio
 async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None:
     async with gated() as rig:
         load = await block(rig.client, rig.wire)
@@ -127,7 +121,6 @@ async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None
         assert len(types(rig.wire)) == ORDERS
 
 
-@aio
 async def test_an_announced_stop_overtakes_what_waits_for_the_event_loop() -> None:
     async with gated() as rig:
         rig.gate.announce_stop()  # in another thread, while velocities wait for the event loop
@@ -137,7 +130,6 @@ async def test_an_announced_stop_overtakes_what_waits_for_the_event_loop() -> No
         assert speeds(rig.wire) == [0]
 
 
-@aio
 async def test_a_request_some_time_after_a_stop_is_sent() -> None:
     async with gated(hold=0.05) as rig:
         loop = asyncio.get_running_loop()
@@ -148,7 +140,6 @@ async def test_a_request_some_time_after_a_stop_is_sent() -> None:
 
 
 @every_moving_request
-@aio
 async def test_what_was_sent_to_the_agent_before_a_stop_does_not_move_the_robot_later(
     request_: Message,
 ) -> None:
@@ -165,7 +156,6 @@ async def test_what_was_sent_to_the_agent_before_a_stop_does_not_move_the_robot_
         assert len(types(rig.wire)) == ORDERS + len(later)
 
 
-@aio
 async def test_a_stop_without_an_answer_says_so() -> None:
     async with gated(answer_nothing) as rig:
         report = await soon(rig.gate.stop(0.03))
@@ -174,7 +164,6 @@ async def test_a_stop_without_an_answer_says_so() -> None:
         assert report.message.endswith("press its emergency stop")
 
 
-@aio
 async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_cancel() -> None:
     cancelled = False
 
@@ -193,7 +182,6 @@ async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_
         assert speeds(rig.wire) == [0, 0]
 
 
-@aio
 async def test_a_stop_that_the_chassis_refuses_without_a_reason_says_so() -> None:
     async def refuse(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == TWIST:
@@ -206,7 +194,6 @@ async def test_a_stop_that_the_chassis_refuses_without_a_reason_says_so() -> Non
         assert report.message.startswith("NOT STOPPED: refused without a reason; ")
 
 
-@aio
 async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
     async def all_but_the_task(wire: Wire, frame: Frame) -> bool:
         return frame["type"] == "woosh.robot.ActionOrder" or await answer_all(wire, frame)
@@ -226,7 +213,6 @@ async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
         ("woosh.ros.Feedbacks", feedback("StepControl", "kRosExecuting"), "StepControl"),
     ],
 )
-@aio
 async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_drives(
     reports: str, body: Frame, what: str
 ) -> None:
@@ -247,7 +233,6 @@ async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_drives(
         assert report.message.endswith("press its emergency stop")
 
 
-@aio
 async def test_a_stop_just_after_a_cancel_waits_for_the_report_of_its_effect() -> None:
     """The chassis refuses to cancel what has ended, and reports the end later."""
 
@@ -269,7 +254,6 @@ async def test_a_stop_just_after_a_cancel_waits_for_the_report_of_its_effect() -
 
 
 @pytest.mark.parametrize("answered_first", [True, False])
-@aio
 async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancelled(
     answered_first: bool,
 ) -> None:
@@ -304,7 +288,6 @@ async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancel
 
 
 @pytest.mark.parametrize("by_other", [False, True], ids=["from here", "by another client"])
-@aio
 async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> None:
     async with gated(hold=0.0, effect=NEVER) as rig:
         await ok(rig.gate.request(ExecTask(task_id=6)))
@@ -324,7 +307,6 @@ async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> 
 
 
 @every_moving_request
-@aio
 async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None:
     async with gated(hold=0.0) as rig:
         await rig.gate.close(TIMEOUT)
@@ -341,7 +323,6 @@ async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None
     ids=["the agent ends", "the link is about to be closed"],
 )
 @pytest.mark.parametrize("drove", [False, True])
-@aio
 async def test_the_last_zero_is_sent_once_and_only_if_the_robot_may_drive(
     drove: bool, end: Callable[[MotionGate], Awaitable[None]]
 ) -> None:
@@ -354,7 +335,6 @@ async def test_the_last_zero_is_sent_once_and_only_if_the_robot_may_drive(
         assert not rig.gate.driving
 
 
-@aio
 async def test_a_zero_that_was_not_confirmed_is_sent_again() -> None:
     async with gated(answer_nothing) as rig:
         task = rig.drive(1)
@@ -369,7 +349,6 @@ async def test_a_zero_that_was_not_confirmed_is_sent_again() -> None:
         assert not rig.gate.driving
 
 
-@aio
 async def test_a_refused_zero_does_not_count_as_stopped() -> None:
     async with gated(refuse_zeros) as rig:
         await ok(rig.drive(1))
@@ -379,7 +358,6 @@ async def test_a_refused_zero_does_not_count_as_stopped() -> None:
             await rig.gate.close(TIMEOUT)
 
 
-@aio
 async def test_the_last_zero_replaces_a_held_velocity() -> None:
     async with gated(answer_nothing, unanswered=0.0) as rig:
         first = rig.drive(1)
@@ -394,7 +372,6 @@ async def test_the_last_zero_replaces_a_held_velocity() -> None:
         assert speeds(rig.wire) == [1, 0]
 
 
-@aio
 async def test_a_robot_that_drove_when_the_link_was_lost_counts_as_not_stopped() -> None:
     async with gated(link={"backoff_min": 60.0, "backoff_max": 60.0}) as rig:
         await ok(rig.drive(1))
@@ -404,7 +381,6 @@ async def test_a_robot_that_drove_when_the_link_was_lost_counts_as_not_stopped()
             await rig.gate.close(TIMEOUT)
 
 
-@aio
 async def test_a_velocity_that_was_not_sent_does_not_count_as_driving() -> None:
     async with gated() as rig:
         await rig.client.close()
@@ -413,7 +389,6 @@ async def test_a_velocity_that_was_not_sent_does_not_count_as_driving() -> None:
         await rig.gate.close(TIMEOUT)
 
 
-@aio
 async def test_the_robot_counts_as_standing_some_time_after_the_last_velocity() -> None:
     assert MotionTiming().driving == 1.5
     async with gated(driving=0.05) as rig:
@@ -430,7 +405,6 @@ async def test_the_robot_counts_as_standing_some_time_after_the_last_velocity() 
 # The link is about to be closed, or the agent begins to observe only
 
 
-@aio
 async def test_no_velocity_follows_the_zero() -> None:
     async def answer_velocities(wire: Wire, frame: Frame) -> bool:
         is_zero = frame["type"] == TWIST and "linear" not in frame["body"]
@@ -449,7 +423,6 @@ async def test_no_velocity_follows_the_zero() -> None:
 
 
 @pytest.mark.parametrize("refused", [False, True])
-@aio
 async def test_a_robot_that_cannot_be_stopped_is_an_error(
     refused: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -465,7 +438,6 @@ async def test_a_robot_that_cannot_be_stopped_is_an_error(
         assert ("no remote control" if refused else "not connected") in record.getMessage()
 
 
-@aio
 async def test_a_robot_that_is_only_observed_from_now_on_gets_its_zero_and_no_other_command() -> (
     None
 ):

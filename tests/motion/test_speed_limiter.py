@@ -8,7 +8,7 @@ import math
 
 import pytest
 
-from tests.link.link_peer import Frame, Wire, aio, eventually
+from tests.link.link_peer import Frame, Wire, eventually
 from tests.motion.gate_checks import answer_all, gated
 from woosh_robot_agent.motion import SpeedLimiter
 
@@ -22,7 +22,6 @@ def navigating(task_id: int) -> Frame:
     return {"robotTaskId": str(task_id), "state": "kExecuting", "action": action}
 
 
-@aio
 async def test_a_removal_that_the_end_of_a_navigation_prevents_is_sent_in_the_next_one() -> None:
     """Otherwise the robot could stay slow for ever."""
 
@@ -59,7 +58,6 @@ async def test_a_removal_that_the_end_of_a_navigation_prevents_is_sent_in_the_ne
     assert refused == []
 
 
-@aio
 async def test_a_limit_that_may_not_be_sent_is_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import INFO, Frame, Wire, aio, block, eventually, soon, turns
+from tests.link.link_peer import INFO, Frame, Wire, block, eventually, soon, turns
 from tests.motion.gate_checks import (
     TWIST,
     Rig,
@@ -51,7 +51,6 @@ async def stalled(rig: Rig) -> tuple[asyncio.Task[Any], Frame]:
     return first, await rig.wire.next(TWIST)
 
 
-@aio
 async def test_commands_and_other_requests_in_flight_do_not_limit_each_other() -> None:
     async with gated(answer_nothing, {"max_in_flight": 1}) as rig:
         unanswered = [rig.drive(speed) for speed in (1, 2, 3)]
@@ -67,7 +66,6 @@ async def test_commands_and_other_requests_in_flight_do_not_limit_each_other() -
         await ended(*unanswered)
 
 
-@aio
 async def test_while_the_chassis_does_not_answer_only_the_newest_is_held(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -88,7 +86,6 @@ async def test_while_the_chassis_does_not_answer_only_the_newest_is_held(
     assert told == [logging.WARNING, logging.INFO], "the first one, and their number at the end"
 
 
-@aio
 async def test_a_command_held_too_long_is_not_sent() -> None:
     async with gated(answer_nothing) as rig:
         first, frame = await stalled(rig)
@@ -102,7 +99,6 @@ async def test_a_command_held_too_long_is_not_sent() -> None:
 
 
 @pytest.mark.parametrize("stop", [Twist(), Twist(linear=-0.0)])
-@aio
 async def test_a_stop_is_never_held(stop: Twist) -> None:
     async with gated(answer_nothing) as rig:
         first, _ = await stalled(rig)
@@ -119,7 +115,6 @@ async def test_a_stop_is_never_held(stop: Twist) -> None:
         assert speeds(rig.wire) == [1, 0]
 
 
-@aio
 async def test_no_older_command_overtakes_a_stop_even_when_released_just_before() -> None:
     async with gated(answer_nothing) as rig:
         first, frame = await stalled(rig)
@@ -141,7 +136,6 @@ async def test_no_older_command_overtakes_a_stop_even_when_released_just_before(
         assert speeds(rig.wire) == [1, 0]
 
 
-@aio
 async def test_cancelling_a_held_command_passes_through_and_it_is_not_sent() -> None:
     async with gated(answer_nothing) as rig:
         first, frame = await stalled(rig)
@@ -156,7 +150,6 @@ async def test_cancelling_a_held_command_passes_through_and_it_is_not_sent() -> 
         assert speeds(rig.wire) == [1]
 
 
-@aio
 async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() -> None:
     async with gated(answer_nothing, max_age=0.1) as rig:
         upload = await block(rig.client, rig.wire)
@@ -176,7 +169,6 @@ async def test_a_command_that_waited_for_a_busy_connection_is_not_sent_late() ->
         await ended(upload)
 
 
-@aio
 async def test_the_callers_timeout_applies_to_commands_which_hold_back_nothing_afterwards() -> None:
     async with gated(answer_nothing, unanswered=0.0) as rig:
         with pytest.raises(RequestTimeoutError, match=r"0\.03 s"):
@@ -187,7 +179,6 @@ async def test_the_callers_timeout_applies_to_commands_which_hold_back_nothing_a
         assert (await soon(task)).ok
 
 
-@aio
 async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> None:
     async with gated(answer_nothing, {"backoff_min": 0.2, "backoff_max": 0.2}) as rig:
         first, _ = await stalled(rig)
@@ -299,7 +290,6 @@ def sent(seconds: float, **options: float) -> Sender:
     return Sender(published=published, **options)  # type: ignore[arg-type]
 
 
-@aio
 async def test_an_old_velocity_is_not_sent_and_is_counted() -> None:
     async with gated(max_age=0.5) as rig:
         with pytest.raises(SupersededError, match=r"2\.00 s old"):
@@ -313,7 +303,6 @@ async def test_an_old_velocity_is_not_sent_and_is_counted() -> None:
         assert speeds(rig.wire) == [0, 4]
 
 
-@aio
 async def test_an_old_velocity_does_not_replace_a_newer_one_that_waits() -> None:
     async with gated(answer_nothing, max_age=60.0) as rig:
         first, frame = await stalled(rig)
@@ -348,7 +337,6 @@ async def settled(rig: Rig, request_: Any) -> None:
 
 
 @every_moving_request
-@aio
 async def test_what_arrived_during_a_stall_moves_nothing(request_: Any) -> None:
     async with gated() as rig:
         await asyncio.sleep(0)
@@ -361,7 +349,6 @@ async def test_what_arrived_during_a_stall_moves_nothing(request_: Any) -> None:
         await settled(rig, request_)
 
 
-@aio
 async def test_a_stall_is_noticed_wherever_it_lies_between_two_heartbeats() -> None:
     async with gated() as rig:
         rig.gate.timing = replace(rig.gate.timing, stall=0.3)
@@ -373,7 +360,6 @@ async def test_a_stall_is_noticed_wherever_it_lies_between_two_heartbeats() -> N
                 await soon(rig.drive(2, sender=sent(0.0)))
 
 
-@aio
 async def test_a_stall_while_the_link_is_being_made_counts() -> None:
     """Otherwise a command of that time would be executed as soon as the link is ready."""
 
@@ -392,7 +378,6 @@ async def test_a_stall_while_the_link_is_being_made_counts() -> None:
             await soon(rig.drive(1, sender=sent(0.2)))
 
 
-@aio
 async def test_a_stall_without_a_link_ends_before_the_next_link() -> None:
     async with gated(link={"backoff_min": 1.0, "backoff_max": 1.0}) as rig:
         rig.wire.abort()

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.link.link_peer import INFO, TIMEOUT, Frame, Wire, aio, eventually, soon, turns
+from tests.link.link_peer import INFO, TIMEOUT, Frame, Wire, eventually, soon, turns
 from tests.motion.gate_checks import NEVER, RUNNING, Rig, answer_all, feedback, gated, ok, speeds
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.tasks import cancel_and_wait
@@ -77,7 +77,6 @@ async def driving(
             await cancel_and_wait(running)
 
 
-@aio
 async def test_a_velocity_that_no_robot_reaches_is_refused(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -110,7 +109,6 @@ def test_each_velocity_is_within_the_limits_or_refused(
         assert limited == velocity
 
 
-@aio
 async def test_a_velocity_that_the_limits_reduce_to_zero_stops_nothing_but_the_stream() -> None:
     """Zeros at the rate would stop a robot that another client drives."""
     async with driving(max_angular=0.0) as stream:
@@ -125,7 +123,6 @@ async def test_a_velocity_that_the_limits_reduce_to_zero_stops_nothing_but_the_s
         await stream.sent(0.1, 0.0)
 
 
-@aio
 async def test_only_the_newest_velocity_is_sent_at_the_rate() -> None:
     async with driving(rate=0.001) as stream:
         stream.drive(0.1)
@@ -138,7 +135,6 @@ async def test_only_the_newest_velocity_is_sent_at_the_rate() -> None:
         await stream.sent(0.1, 0.5)
 
 
-@aio
 async def test_the_first_zero_is_not_delayed_by_the_rate_and_not_repeated() -> None:
     async with driving(rate=0.001) as stream:
         stream.drive(0.1)
@@ -150,7 +146,6 @@ async def test_the_first_zero_is_not_delayed_by_the_rate_and_not_repeated() -> N
         await stream.sent(0.1, 0.0)
 
 
-@aio
 async def test_zeros_in_between_do_not_exceed_the_rate() -> None:
     async with driving(rate=20.0) as stream:
         loop = asyncio.get_running_loop()
@@ -164,14 +159,12 @@ async def test_zeros_in_between_do_not_exceed_the_rate() -> None:
         assert len(speeds(stream.rig.wire)) < 3 * 20.0 * lasted, "zeros are sent at once"
 
 
-@aio
 async def test_silence_stops_the_robot() -> None:
     async with driving(timeout=0.05) as stream:
         stream.drive(0.1)
         await stream.sent(0.1, 0.0)
 
 
-@aio
 async def test_silence_counts_from_when_the_last_velocity_was_published() -> None:
     async with driving(timeout=3600.0) as stream:
         stream.drive(0.1, age=3599.5)
@@ -179,7 +172,6 @@ async def test_silence_counts_from_when_the_last_velocity_was_published() -> Non
 
 
 @pytest.mark.parametrize("limits", [{}, {"timeout": 0.2}, {"max_age": 0.2}])
-@aio
 async def test_an_old_velocity_of_a_stream_does_not_drive(limits: dict[str, float]) -> None:
     async with driving(**limits) as stream:
         stream.gate.timing = replace(stream.gate.timing, max_age=0.5)
@@ -203,7 +195,6 @@ async def test_an_old_velocity_of_a_stream_does_not_drive(limits: dict[str, floa
     ],
     ids=["task", "action"],
 )
-@aio
 async def test_a_velocity_is_refused_while_a_task_or_action_owns_the_robot_unless_it_may_override(
     type_: str, runs: Frame, ended: Frame, override: bool
 ) -> None:
@@ -219,7 +210,6 @@ async def test_a_velocity_is_refused_while_a_task_or_action_owns_the_robot_unles
         await stream.sent(*([0.1] * override), 0.2)
 
 
-@aio
 async def test_a_velocity_that_waits_is_not_sent_once_something_owns_the_robot() -> None:
     async with driving(rate=1.0) as stream:
         stream.drive(0.1)
@@ -232,7 +222,6 @@ async def test_a_velocity_that_waits_is_not_sent_once_something_owns_the_robot()
 
 
 @pytest.mark.parametrize("taken", ["by another client's task", "by a follow"])
-@aio
 async def test_no_zero_follows_what_takes_the_wheels(taken: str) -> None:
     """Neither the sender's zero nor the watchdog's."""
     async with driving(timeout=1.0) as stream:
@@ -250,7 +239,6 @@ async def test_no_zero_follows_what_takes_the_wheels(taken: str) -> None:
         await stream.sent(0.1)
 
 
-@aio
 async def test_no_zero_takes_the_place_of_a_velocity_that_waited_when_a_task_began() -> None:
     async with driving(rate=0.001) as stream:
         stream.drive(0.1)
@@ -262,7 +250,6 @@ async def test_no_zero_takes_the_place_of_a_velocity_that_waited_when_a_task_beg
         await stream.sent(0.1)
 
 
-@aio
 async def test_a_velocity_that_overrides_a_task_is_stopped_by_silence() -> None:
     async with driving(override=True, timeout=0.05) as stream:
         await stream.task_runs()
@@ -271,7 +258,6 @@ async def test_a_velocity_that_overrides_a_task_is_stopped_by_silence() -> None:
 
 
 @pytest.mark.parametrize("until", ["a zero", "a pause"])
-@aio
 async def test_a_stop_silences_the_stream_until_a_zero_or_a_pause(until: str) -> None:
     async with driving(hold=0.0, rate=1e9) as stream:  # the gate itself permits motion again
         stream.gate.timing = replace(stream.gate.timing, pause=NEVER)
@@ -288,7 +274,6 @@ async def test_a_stop_silences_the_stream_until_a_zero_or_a_pause(until: str) ->
         await stream.sent(0.1, 0.0, 0.3)
 
 
-@aio
 async def test_a_stall_of_the_agent_is_no_pause_of_the_sender() -> None:
     async with driving(hold=0.0, rate=1e9) as stream:
         stream.gate.timing = replace(stream.gate.timing, pause=0.7, settle=0.0)
@@ -304,7 +289,6 @@ async def test_a_stall_of_the_agent_is_no_pause_of_the_sender() -> None:
 
 
 @pytest.mark.parametrize("meanwhile", ["nothing", "a task", "it stands"])
-@aio
 async def test_after_a_lost_link_the_robot_gets_a_zero_and_nothing_that_was_kept(
     meanwhile: str,
 ) -> None:
@@ -336,7 +320,6 @@ async def test_after_a_lost_link_the_robot_gets_a_zero_and_nothing_that_was_kept
             await stream.sent(*zeros)
 
 
-@aio
 async def test_after_a_lost_link_no_zero_is_sent_before_it_is_known_what_drives_the_robot() -> None:
     """A robot may report much at the beginning of a link, ahead of its task."""
 
@@ -360,7 +343,6 @@ async def test_after_a_lost_link_no_zero_is_sent_before_it_is_known_what_drives_
         await stream.sent()
 
 
-@aio
 async def test_velocities_that_are_not_permitted_are_refused_and_silence_the_stream() -> None:
     async with driving() as stream:
         stream.rig.client.permit_only(

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, eventually, soon
+from tests.link.link_peer import TIMEOUT, Frame, Wire, eventually, soon
 from tests.motion.gate_checks import (
     RUNNING,
     TWIST,
@@ -56,7 +56,6 @@ async def owned(rig: Rig, type_: str = TASK_PROC, body: Frame = RUNNING) -> None
     await eventually(lambda: rig.gate.owner)
 
 
-@aio
 async def test_no_zero_follows_an_accepted_task() -> None:
     """A zero on closing the gate would stop the task."""
     taking = ("ExecTask", "ExecPreTask", "ActionOrder", "Follow")
@@ -76,7 +75,6 @@ async def test_no_zero_follows_an_accepted_task() -> None:
 
 
 @each_start
-@aio
 async def test_no_zero_follows_a_task_or_action_of_another_client(
     type_: str, runs: Frame, rests: Frame, owner: str
 ) -> None:
@@ -94,7 +92,6 @@ async def test_no_zero_follows_a_task_or_action_of_another_client(
         assert speeds(rig.wire) == [1, 1]
 
 
-@aio
 async def test_no_zero_follows_a_task_that_another_client_started_without_a_link() -> None:
     async with gated() as rig:
         await ok(rig.drive(1))
@@ -107,7 +104,6 @@ async def test_no_zero_follows_a_task_that_another_client_started_without_a_link
 
 
 @each_start
-@aio
 async def test_a_velocity_after_the_start_of_a_task_or_action_still_needs_its_zero(
     type_: str, runs: Frame, rests: Frame, owner: str
 ) -> None:
@@ -121,7 +117,6 @@ async def test_a_velocity_after_the_start_of_a_task_or_action_still_needs_its_ze
         assert speeds(rig.wire) == [1, 0]
 
 
-@aio
 async def test_a_velocity_that_is_unanswered_at_the_start_of_a_task_still_needs_its_zero() -> None:
     async with gated(answer_nothing) as rig:
         moving = rig.drive(1)
@@ -132,7 +127,6 @@ async def test_a_velocity_that_is_unanswered_at_the_start_of_a_task_still_needs_
         assert rig.gate.driving
 
 
-@aio
 async def test_no_zero_follows_a_velocity_that_is_refused_because_a_task_has_started() -> None:
     async with gated(answer_nothing) as rig:
         before = rig.drive(1)
@@ -147,7 +141,6 @@ async def test_no_zero_follows_a_velocity_that_is_refused_because_a_task_has_sta
         assert not rig.gate.driving
 
 
-@aio
 async def test_a_velocity_between_acceptance_and_report_of_a_task_still_needs_its_zero() -> None:
     async with gated() as rig:
         await ok(rig.gate.request(EXEC_TASK))
@@ -157,7 +150,6 @@ async def test_a_velocity_between_acceptance_and_report_of_a_task_still_needs_it
 
 
 @pytest.mark.parametrize("accepted", [True, False])
-@aio
 async def test_a_velocity_that_is_sent_before_a_task_is_accepted_drives_unless_it_is_refused(
     accepted: bool,
 ) -> None:
@@ -174,7 +166,6 @@ async def test_a_velocity_that_is_sent_before_a_task_is_accepted_drives_unless_i
         assert rig.gate.driving == accepted
 
 
-@aio
 async def test_a_zero_follows_a_velocity_though_a_task_was_refused() -> None:
     async def refuse_tasks(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == "woosh.robot.ExecTask":
@@ -205,7 +196,6 @@ async def test_a_zero_follows_a_velocity_though_a_task_was_refused() -> None:
         ("kStateUndefined", "kStateUndefined", ""),
     ],
 )
-@aio
 async def test_a_task_owns_the_wheels_while_it_may_drive_on_by_itself(
     state: str, action: str, owner: str
 ) -> None:
@@ -225,7 +215,6 @@ async def test_a_task_owns_the_wheels_while_it_may_drive_on_by_itself(
         ("kRosFailure", ""),
     ],
 )
-@aio
 async def test_an_action_owns_the_wheels_while_it_may_drive_on_by_itself(
     state: str, owner: str
 ) -> None:
@@ -240,7 +229,6 @@ async def test_an_action_owns_the_wheels_while_it_may_drive_on_by_itself(
         assert rig.gate.owner == ""
 
 
-@aio
 async def test_a_task_that_goes_on_after_an_obstacle_takes_no_velocity_over() -> None:
     """The velocity was sent while the task owned the wheels, so it still needs its zero."""
     held = {"robotTaskId": "7", "state": "kPaused", "action": {"state": "kRosWarning"}}
@@ -253,7 +241,6 @@ async def test_a_task_that_goes_on_after_an_obstacle_takes_no_velocity_over() ->
         assert rig.gate.driving
 
 
-@aio
 async def test_an_open_goal_owns_the_wheels() -> None:
     goals = 1
     async with gated(goals=lambda: goals) as rig:

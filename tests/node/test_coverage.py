@@ -9,14 +9,11 @@ import pytest
 
 from tests.fact_files import facts
 from tests.harness import Client, wait_until
-from tests.node.further_services import FURTHER
-from tests.node.goals import slow_down
 from tests.node.test_further_actions import FURTHER_ACTIONS
 from tests.node.test_task_sets import TASK_SETS
 from tests.ros2_commands import documented
 from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, QUERIES, TOPICS
-from woosh_robot_msgs.msg import RobotWiFiOrder
-from woosh_robot_msgs.srv import PlanPath, SetIdentity, Setting
+from woosh_robot_msgs.srv import SetIdentity
 
 FACTS = facts("endpoints.yaml")
 TWICE = "setting/SetIdentity"
@@ -86,50 +83,15 @@ def test_agent_connects_when_the_chassis_appears(simulator, start_agent, client)
     assert client.call(SetIdentity, "setting/Identity").ok
 
 
-# Services that the vendor's manual does not show
-
-
-def plan_path(client: Any) -> None:
-    assert client.command("robot/ExecTask", mark_no="A2", type=1).ok
-    wait_until(lambda: client.call(PlanPath, "robot/PlanPath").plan_path.plan_path, "a path")
-
-
-def robot_wifi(client: Any) -> None:
-    response = client.command("robot/RobotWiFi", order=RobotWiFiOrder.K_WI_FI_LIST)
-    assert response.ok
-    assert response.ret.order.value == RobotWiFiOrder.K_WI_FI_LIST
-    assert b"woosh-guest" in bytes(response.ret.content)
-
-
-def set_identity(client: Any) -> None:
-    assert client.command(TWICE, name="second").ret.name == "second"
-    assert client.call(Setting, "robot/Setting").info.identity.name == "second"
-
-
-MORE = {
-    "robot/PlanPath": plan_path,
-    "robot/RobotWiFi": robot_wifi,
-    TWICE: set_identity,
-    **FURTHER,
-}
-
-
-@pytest.mark.parametrize("name", MORE)
-def test_endpoint_outside_the_manual_works(name, simulator, agent, client):
-    slow_down(simulator)  # there is a path only while the task drives
-    MORE[name](client)
-
-
-def test_every_endpoint_has_a_test():
-    """`test_documented_commands` tests the endpoints in the manual, `MORE` the other services.
+def test_every_topic_and_action_has_a_test():
+    """`test_documented_commands` tests those in the vendor's manual.
 
     `test_topics` tests all topics, `test_further_actions` and `test_task_sets` the other actions.
+    Of the services, `test_services_queries` and `test_services_commands` test all in the table.
     """
-    shown = {(command.verb, command.name) for command in documented()}
-    shown |= {("service call", name) for name in MORE}
+    shown = {(each.verb, each.name) for each in documented() if each.verb != "service call"}
     shown |= {("topic echo", each.name) for each in TOPICS if each.extra}
     shown |= {("action send_goal", name) for name in (*FURTHER_ACTIONS, TASK_SETS)}
-    table = {("service call", e.name) for e in (*QUERIES, *COMMANDS)}
-    table |= {("topic echo", e.name) for e in TOPICS}
+    table = {("topic echo", e.name) for e in TOPICS}
     table |= {("action send_goal", e.name) for e in ACTIONS}
     assert shown == table

@@ -23,7 +23,7 @@ CANCEL = (
 
 @pytest.fixture
 def simulator() -> Iterator[SimulatorThread]:
-    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, seed=1)) as running:
+    with SimulatorThread(SimulatorConfig(port=0, tcp_port=0, speed=2.0, seed=1)) as running:
         yield running
 
 

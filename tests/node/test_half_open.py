@@ -3,30 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 
-from tests.harness import Robot, RunningAgent, wait_future, wait_until
+from tests.harness import Robot, wait_future, wait_until
 from tests.node.goals import EXEC_TASK, EXECUTING, lift3, slow_down, step, task
 from tests.node.test_services_load import speak
-from woosh_robot_agent.simulator import SimulatorThread
 
 SPEAK = "woosh.robot.Speak"
 NOTICED = 10.0
 """Documented time after which a silent link counts as lost, in seconds."""
-
-
-@pytest.fixture(params=["websocket", "tcp"])
-def agent(
-    request: Any, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
-) -> RunningAgent:
-    """The agent, connected, with default timeouts."""
-    port = simulator.tcp_port if request.param == "tcp" else simulator.port
-    started = start_agent(ip="127.0.0.1", port=port, transport=request.param)
-    started.wait_connected()
-    return started
 
 
 @pytest.mark.timeout(600)
@@ -61,7 +47,6 @@ def test_a_half_open_link_is_noticed_and_reported(robot: Robot) -> None:
     assert robot.chassis.counts[EXEC_TASK] == 1
 
 
-@pytest.mark.parametrize("agent", ["websocket"], indirect=True)
 def test_a_short_interruption_is_not_noticed(robot: Robot) -> None:
     goal = step(robot, 8.0)
     goal.feedback.wait_count(2)

@@ -10,12 +10,10 @@ from typing import Any
 
 import pytest
 import yaml
-from nav_msgs.msg import OccupancyGrid
 
 from tests.harness import Client, Robot, wait_until
 from tests.quick_chassis import quick_config
 from tests.ros2_commands import parse
-from woosh_robot_agent.robot.maps import FREE_THRESHOLD, OCCUPIED_THRESHOLD, cells_of
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.maps import program as maps
 
@@ -94,21 +92,3 @@ def test_the_commands_of_the_page_work_in_its_order(
     assert set(robot.chassis.call(lambda s: list(s.chassis.scenes))) == {"wooshmap", "hall"}
     wait_until(lambda: abs(robot.chassis.state.pose.x - 1.0) < 0.1)
     assert robot.chassis.state.pose.y == pytest.approx(2.0, abs=0.1)
-
-
-def test_saved_map_equals_the_topic_map(robot: Robot, tmp_path: Path) -> None:
-    """The files for map_server say what the agent publishes."""
-    topic = robot.echo(OccupancyGrid, "map").wait_count(1)[0]
-    where = ["--ip", f"127.0.0.1:{robot.chassis.port}"]
-    assert maps.main([*where, "download", "wooshmap", "--output", str(tmp_path)]) == 0
-    file = tmp_path / "wooshmap" / "nav2" / "wooshmap.yaml"
-    saved = yaml.safe_load(file.read_text())
-    width, height, cells = cells_of((file.parent / saved["image"]).read_bytes())
-    assert (width, height) == (topic.info.width, topic.info.height)
-    assert cells == topic.data
-    assert saved["resolution"] == pytest.approx(topic.info.resolution, rel=1e-6)
-    origin = topic.info.origin
-    assert saved["origin"][:2] == pytest.approx((origin.position.x, origin.position.y), rel=1e-6)
-    assert (saved["negate"], saved["mode"]) == (0, "trinary")
-    thresholds = (saved["occupied_thresh"], saved["free_thresh"])
-    assert thresholds == (OCCUPIED_THRESHOLD, FREE_THRESHOLD)

@@ -120,12 +120,6 @@ def test_program_ends_while_driving_a_frozen_chassis_with_an_open_goal(
     assert goal.result()[0] == ABORTED
 
 
-def test_program_ends_without_a_chassis(start_program: Callable[..., Program]) -> None:
-    program = start_program(ip="127.0.0.1", port=1)
-    program.wait_says("cannot connect")
-    program.end()
-
-
 def test_program_ends_while_connecting(start_program: Callable[..., Program]) -> None:
     """The server accepts the connection and never answers."""
     with socket.create_server(("127.0.0.1", 0)) as silent:

@@ -30,7 +30,6 @@ from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.testing import AgentProcess
 from woosh_robot_agent.tools.monitor.program import print_once
 from woosh_robot_agent.tools.monitor.ros_source import RosSource
-from woosh_robot_agent.tools.monitor.screen import draw
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 from woosh_robot_agent.tools.ros_node import NodeThread
 
@@ -234,11 +233,6 @@ def test_once_works_with_an_agent_that_does_not_publish_connected(watching, conn
     assert "it is unknown whether it is connected to 127.0.0.1" in text
     assert "disabled_parts" in text
     assert status == 0
-
-
-def test_the_view_can_be_drawn(watching, agent):
-    watching.wait_complete()
-    assert draw(watching.source.name, watching.source.link(), watching.source.view)
 
 
 def run_once(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:

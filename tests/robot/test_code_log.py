@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import aio
 from tests.robot.rig import READY, Rig, StoppedClock
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.robot import code_log
@@ -24,7 +23,6 @@ def logged(caplog: pytest.LogCaptureFixture) -> list[tuple[int, str]]:
     ]
 
 
-@aio
 async def test_warnings_and_faults_are_logged_with_their_meaning(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -38,14 +36,12 @@ async def test_warnings_and_faults_are_logged_with_their_meaning(
 
 
 @pytest.mark.parametrize("level", [{}, {"level": 0}, {"level": 1}, {"level": "kTips"}])
-@aio
 async def test_other_levels_are_not_logged(level: Any, caplog: pytest.LogCaptureFixture) -> None:
     async with Rig(READY).running() as rig:
         await rig.push(StatusCode(), {"code": "130103000000", **level})
     assert logged(caplog) == []
 
 
-@aio
 async def test_a_burst_of_one_code_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     async with Rig(READY).running() as rig:
         for _ in range(300):
@@ -55,7 +51,6 @@ async def test_a_burst_of_one_code_is_logged_once(caplog: pytest.LogCaptureFixtu
     assert [text[:12] for _, text in logged(caplog)] == ["110201000013", "110301000042"]
 
 
-@aio
 async def test_a_code_that_comes_back_is_logged_again(caplog: pytest.LogCaptureFixture) -> None:
     async with Rig({**READY, "abnormalCodes": {"scs": [PRESSED]}}).running() as rig:
         await rig.push(StatusCode(), PRESSED)
@@ -65,7 +60,6 @@ async def test_a_code_that_comes_back_is_logged_again(caplog: pytest.LogCaptureF
     assert len(logged(caplog)) == 2
 
 
-@aio
 async def test_a_code_that_lasts_is_not_repeated_but_an_event_is_after_a_while(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from tests.link.link_peer import aio, eventually
+from tests.link.link_peer import eventually
 from tests.robot.rig import READY, Rig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, Mode
@@ -27,7 +27,6 @@ async def refused(rig: Rig, message: object, source: str = "") -> None:
     await eventually(lambda: not rig.watch.refusal_log.pending)
 
 
-@aio
 async def test_each_refusal_is_logged_once_until_a_success(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -47,7 +46,6 @@ async def test_each_refusal_is_logged_once_until_a_success(
         assert len(logged(caplog)) == 2
 
 
-@aio
 async def test_another_reason_is_logged_too(caplog: pytest.LogCaptureFixture) -> None:
     rig = Rig(READY)
     async with rig.running():
@@ -63,7 +61,6 @@ async def test_another_reason_is_logged_too(caplog: pytest.LogCaptureFixture) ->
     assert third.startswith("the chassis refused ros/StepControl: Request failed (the emergency ")
 
 
-@aio
 async def test_refusals_in_other_words_are_logged_even_at_the_same_time(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -78,7 +75,6 @@ async def test_refusals_in_other_words_are_logged_even_at_the_same_time(
     ]
 
 
-@aio
 async def test_a_refused_cancel_is_left_to_the_log_of_its_goal(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Frame, Wire, aio, eventually
+from tests.link.link_peer import TIMEOUT, Frame, Wire, eventually
 from tests.robot.rig import Rig
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
@@ -107,7 +107,6 @@ async def reason_of(rig: RefusingRig, request: Any) -> str:
         (STEP, STEP_OCCUPIED, "step control is already in use"),
     ],
 )
-@aio
 async def test_the_status_code_after_the_answer_gives_the_reason(
     request_: Any, number: int, meaning: str
 ) -> None:
@@ -116,7 +115,6 @@ async def test_the_status_code_after_the_answer_gives_the_reason(
     assert reason.endswith(f"status code {number}: {meaning}")
 
 
-@aio
 async def test_the_meaning_stands_beside_a_text_in_another_language():
     rig = RefusingRig(READY, (), (code(NOT_AUTOMATIC, msg="非自动模式"),), patient=True)
     assert await reason_of(rig, ExecTask(task_id=1)) == (
@@ -124,7 +122,6 @@ async def test_the_meaning_stands_beside_a_text_in_another_language():
     )
 
 
-@aio
 async def test_an_earlier_an_unrelated_and_a_late_status_code_give_no_reason():
     unrelated = (UNRELATED, NO_SPEED_CONTROL, NOT_NAVIGATING, STEP_OCCUPIED)
     rig = RefusingRig(READY, (code(NOT_AUTOMATIC),), tuple(map(code, unrelated)))
@@ -134,7 +131,6 @@ async def test_an_earlier_an_unrelated_and_a_late_status_code_give_no_reason():
         assert await rig.explainer.reason("woosh.robot.ExecTask") == ""
 
 
-@aio
 async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code():
     rig = RefusingRig(READY, after=(code(NOT_AUTOMATIC),), patient=True)
     async with rig.running():
@@ -184,12 +180,10 @@ async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code()
         (Speak(), {**READY, "deviceState": {"hardware": 1024}}, ""),
     ],
 )
-@aio
 async def test_the_state_gives_the_reason(request_: Any, info: Any, reason: str) -> None:
     assert await reason_of(RefusingRig(info), request_) == reason
 
 
-@aio
 async def test_state_and_status_code_are_both_given():
     info = {**READY, "deviceState": {"hardware": 1024, "software": 1}}
     rig = RefusingRig(info, after=(code(NO_SPEED_CONTROL),), patient=True)
@@ -199,7 +193,6 @@ async def test_state_and_status_code_are_both_given():
     )
 
 
-@aio
 async def test_the_state_at_the_time_of_the_refusal_counts():
     rig = RefusingRig(NAVIGATING, patient=True)
     async with rig.running():

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import aio, eventually, turns
+from tests.link.link_peer import eventually, turns
 from tests.robot.rig import READY, Rig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
@@ -72,7 +72,6 @@ def warnings(caplog: pytest.LogCaptureFixture) -> list[logging.LogRecord]:
         (CallAction(move_base=MoveBase(action=kExecute)), "", "ros/MoveBase"),
     ],
 )
-@aio
 async def test_a_robot_that_does_not_move_is_reported_until_it_moves(
     request_: Any, source: str, name: str
 ) -> None:
@@ -85,7 +84,6 @@ async def test_a_robot_that_does_not_move_is_reported_until_it_moves(
         await eventually(lambda: not rig.watch.standstill.warning)
 
 
-@aio
 async def test_a_warning_does_not_come_from_reports_that_a_stall_has_held_up() -> None:
     async with quick().running() as rig:
         await rig.send(FORWARD, "cmd_vel")
@@ -95,7 +93,6 @@ async def test_a_warning_does_not_come_from_reports_that_a_stall_has_held_up() -
         assert "does not move" in await warned(rig)
 
 
-@aio
 async def test_it_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     async with quick().running() as rig:
@@ -111,7 +108,6 @@ async def test_it_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     assert any("the robot moves after cmd_vel" in r.getMessage() for r in caplog.records)
 
 
-@aio
 async def test_each_command_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     async with quick().running() as rig:
         commands = ((ExecTask(task_id=17), ""), (STEP, ""), (FORWARD, "cmd_vel"))
@@ -123,7 +119,6 @@ async def test_each_command_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 
 
 @pytest.mark.parametrize("request_", [STEP, FORWARD])
-@aio
 async def test_the_same_command_is_logged_again_after_a_while(
     request_: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -137,7 +132,6 @@ async def test_the_same_command_is_logged_again_after_a_while(
             assert len(warnings(caplog)) == count
 
 
-@aio
 async def test_a_robot_that_is_only_observed_now_is_not_expected_to_move() -> None:
     async with quick().running() as rig:
         await rig.send(FORWARD, "cmd_vel")
@@ -145,7 +139,6 @@ async def test_a_robot_that_is_only_observed_now_is_not_expected_to_move() -> No
         await no_warning(rig)
 
 
-@aio
 async def test_a_stream_that_comes_to_nothing_after_a_drive_is_reported():
     async with quick().running() as rig:
         await rig.send(FORWARD, "cmd_vel")
@@ -158,7 +151,6 @@ async def test_a_stream_that_comes_to_nothing_after_a_drive_is_reported():
 @pytest.mark.parametrize(
     "pose", [{"x": 1.01, "y": 2.0, "theta": 3.0}, {"x": 1, "y": 2, "theta": -3.2}]
 )
-@aio
 async def test_a_change_of_the_pose_is_a_movement(pose: Any) -> None:
     async with quick().running() as rig:
         await rig.send(FORWARD)
@@ -166,7 +158,6 @@ async def test_a_change_of_the_pose_is_a_movement(pose: Any) -> None:
         await no_warning(rig)
 
 
-@aio
 async def test_the_same_pose_is_no_movement():
     async with quick().running() as rig:
         await rig.send(FORWARD)
@@ -174,7 +165,6 @@ async def test_the_same_pose_is_no_movement():
         await warned(rig)
 
 
-@aio
 async def test_a_velocity_that_ends_with_a_zero_is_not_reported():
     async with quick().running() as rig:
         await rig.send(FORWARD)
@@ -182,7 +172,6 @@ async def test_a_velocity_that_ends_with_a_zero_is_not_reported():
         await no_warning(rig)
 
 
-@aio
 async def test_refused_commands_are_not_reported():
     rig = quick()
     rig.refusal = "Request failed"
@@ -207,7 +196,6 @@ async def test_refused_commands_are_not_reported():
         ),
     ],
 )
-@aio
 async def test_commands_that_need_not_move_the_robot_are_not_reported(request_: Any) -> None:
     async with quick().running() as rig:
         await rig.send(request_)
@@ -225,7 +213,6 @@ async def test_commands_that_need_not_move_the_robot_are_not_reported(request_: 
         {**DRIVING, "state": 7},  # completed at once
     ],
 )
-@aio
 async def test_a_task_that_may_stand_is_not_reported(report: Any) -> None:
     async with quick().running() as rig:
         await rig.send(ExecTask(task_id=17))
@@ -234,7 +221,6 @@ async def test_a_task_that_may_stand_is_not_reported(report: Any) -> None:
         await no_warning(rig)
 
 
-@aio
 async def test_a_task_that_goes_on_after_a_pause_is_reported_if_it_stands():
     async with quick().running() as rig:
         await rig.send(ExecTask(task_id=17))
@@ -248,7 +234,6 @@ async def test_a_task_that_goes_on_after_a_pause_is_reported_if_it_stands():
 
 
 @pytest.mark.parametrize("is_first", [False, True])
-@aio
 async def test_a_task_that_is_resumed_but_waits_is_not_reported(is_first: bool) -> None:
     held = {**DRIVING, "state": 4, "action": {"type": 1, "state": 2}}
     async with quick().running() as rig:
@@ -262,7 +247,6 @@ async def test_a_task_that_is_resumed_but_waits_is_not_reported(is_first: bool) 
         await warned(rig)
 
 
-@aio
 async def test_an_action_that_is_paused_or_ends_is_not_reported():
     name = "woosh.ros.action.StepControl"
     async with quick().running() as rig:
@@ -272,7 +256,6 @@ async def test_an_action_that_is_paused_or_ends_is_not_reported():
             await no_warning(rig)
 
 
-@aio
 async def test_a_stop_ends_the_observation():
     async with quick().running() as rig:
         await rig.send(FORWARD)
@@ -294,7 +277,6 @@ STEP_END = (Feedbacks(), {"fbs": [{"action": "woosh.ros.action.StepControl", "st
         (STEP, STEP_END),
     ],
 )
-@aio
 async def test_a_command_that_is_accepted_after_its_end_is_not_reported(
     request_: Any, end: Any
 ) -> None:
@@ -318,7 +300,6 @@ async def test_a_command_that_is_accepted_after_its_end_is_not_reported(
         (ActionOrder(order=kContinue), (TaskProc(), {**DRIVING, "state": 4})),
     ],
 )
-@aio
 async def test_a_warning_ends_once_the_robot_may_stand(request_: Any, end: Any) -> None:
     async with quick().running() as rig:
         await rig.send(request_)
@@ -330,7 +311,6 @@ async def test_a_warning_ends_once_the_robot_may_stand(request_: Any, end: Any) 
         await no_warning(rig)
 
 
-@aio
 async def test_an_id_can_be_used_again() -> None:
     async with quick().running() as rig:
         await rig.push(*END)

@@ -6,7 +6,6 @@ import logging
 
 import pytest
 
-from tests.link.link_peer import aio
 from tests.robot.rig import READY, Rig, StoppedClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.robot import who_drives
@@ -18,7 +17,6 @@ LONG = 3600.0
 
 
 @pytest.mark.parametrize("second", [FORWARD, ZERO])
-@aio
 async def test_two_sources_are_named_and_logged_once(
     second: Twist, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -40,7 +38,6 @@ async def test_two_sources_are_named_and_logged_once(
     ],
     ids=["one source", "one after the other", "one is refused"],
 )
-@aio
 async def test_one_source_at_a_time_is_fine(sent: list[tuple[Twist, str]]) -> None:
     async with Rig(READY, overlap=LONG).running() as rig:
         for message, source in sent:
@@ -49,7 +46,6 @@ async def test_one_source_at_a_time_is_fine(sent: list[tuple[Twist, str]]) -> No
             assert rig.watch.velocities.simultaneous == ()
 
 
-@aio
 async def test_a_source_that_falls_silent_may_be_followed_by_another(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

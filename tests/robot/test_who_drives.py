@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import aio
 from tests.robot.rig import READY, Rig, StoppedClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, TaskProc
@@ -21,7 +20,6 @@ NAVIGATING = {"robotTaskId": "17", "type": 1, "state": 3, "action": {"type": 1, 
 
 
 @pytest.mark.parametrize("source", ["cmd_vel", "robot/Twist"])
-@aio
 async def test_velocities(source: str) -> None:
     async with Rig(READY).running() as rig:
         await rig.send(FORWARD, source)
@@ -33,7 +31,6 @@ async def test_velocities(source: str) -> None:
         assert rig.watch.who_drives.now() == Driver("nobody")
 
 
-@aio
 async def test_velocities_that_override_a_task():
     async with Rig(READY).running() as rig:
         await rig.push(TaskProc(), NAVIGATING)
@@ -59,7 +56,6 @@ def repeat_task(number: int, order: int) -> RepeatTask:
         ("17", Driver("a goal", "task 17")),
     ],
 )
-@aio
 async def test_tasks(task: str, driver: Driver) -> None:
     async with Rig(READY).running() as rig:
         rig.goals = ["task 17", "task set 23"]
@@ -76,7 +72,6 @@ async def test_tasks(task: str, driver: Driver) -> None:
         assert rig.watch.who_drives.now() == Driver("nobody")
 
 
-@aio
 async def test_a_task_that_outlives_its_goal_is_not_of_another_client() -> None:
     async with Rig(READY).running() as rig:
         await rig.send(ExecTask(task_id=17))
@@ -96,7 +91,6 @@ async def test_a_task_that_outlives_its_goal_is_not_of_another_client() -> None:
         (1727247402531, 2, Driver("another client", "task 1727247402531")),
     ],
 )
-@aio
 async def test_tasks_of_the_robot_itself(number: int, kind: int, driver: Driver) -> None:
     """The numbers and times are those of a real robot."""
     report = {**NAVIGATING, "robotTaskId": str(number), "type": kind}
@@ -115,7 +109,6 @@ async def test_tasks_of_the_robot_itself(number: int, kind: int, driver: Driver)
         (172715000053, "another client"),  # more than a day ago
     ],
 )
-@aio
 async def test_tasks_of_the_robot_itself_that_began_before_the_link(number: int, name: str) -> None:
     proc = {**NAVIGATING, "robotTaskId": str(number), "type": 3, "time": 1727247525}
     async with Rig({**READY, "taskProc": proc}).running() as rig:
@@ -124,7 +117,6 @@ async def test_tasks_of_the_robot_itself_that_began_before_the_link(number: int,
         assert rig.watch.who_drives.now().name == name
 
 
-@aio
 async def test_actions():
     step = {"action": "woosh.ros.action.StepControl", "state": 2}
     async with Rig(READY).running() as rig:
@@ -137,7 +129,6 @@ async def test_actions():
 @pytest.mark.parametrize(
     ("source", "name"), [("robot/Follow", "robot/Follow"), ("", "another client")]
 )
-@aio
 async def test_following(source: str, name: str) -> None:
     async with Rig(READY).running() as rig:
         if source:
@@ -146,7 +137,6 @@ async def test_following(source: str, name: str) -> None:
         assert rig.watch.who_drives.now() == Driver(name, "the robot is following somebody")
 
 
-@aio
 async def test_a_movement_that_the_agent_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = StoppedClock(monkeypatch, who_drives)
     async with Rig(READY).running() as rig:
@@ -158,7 +148,6 @@ async def test_a_movement_that_the_agent_does_not_know(monkeypatch: pytest.Monke
         assert rig.watch.who_drives.now() == Driver("nobody")
 
 
-@aio
 async def test_a_task_that_is_not_reported_yet():
     info: Any = {**READY, "state": 4}
     async with Rig(info).running() as rig:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from tests.convert.random_messages import extremes
 from tests.link.fuzz_inputs import blob, text
-from tests.link.link_peer import TIMEOUT, Peer, Wire, aio, eventually, turns
+from tests.link.link_peer import TIMEOUT, Peer, Wire, eventually, turns
 from tests.robustness.fuzz import fuzz
 from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Requests, Target, batches
 from woosh_robot_agent.endpoints import TOPICS
@@ -121,7 +121,6 @@ def _strict_json(text: str) -> Any:
     return json.loads(text, parse_constant=pytest.fail)
 
 
-@aio
 async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

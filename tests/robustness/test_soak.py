@@ -11,9 +11,9 @@ from benchmarks.figures import figures_table
 from tests.robustness.soak import Length, run
 
 SHORT = Length(
-    seconds=33.0,
+    seconds=30.0,
     fault_every=1.2,
-    reference_after=6.0,
+    reference_after=15.0,
     sample_every=2.0,
     samples_at_rest=1,
     rest_timeout=300.0,

@@ -34,7 +34,7 @@ def simulator(request: pytest.FixtureRequest) -> Iterator[SimulatorThread]:
 def connect(simulator: SimulatorThread) -> Iterator[Connect]:
     """Function that connects a client, which is closed at the end."""
     with ExitStack() as stack:
-        yield lambda: stack.enter_context(closing(JsonClient(simulator.port)))
+        yield lambda: stack.enter_context(closing(JsonClient(simulator.port, simulator)))
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def client(connect: Connect) -> JsonClient:
 def connect_tcp(simulator: SimulatorThread) -> Iterator[ConnectTcp]:
     """Function that connects a client over TCP, which is closed at the end."""
     with ExitStack() as stack:
-        yield lambda: stack.enter_context(closing(TcpClient(simulator.tcp_port)))
+        yield lambda: stack.enter_context(closing(TcpClient(simulator.tcp_port, simulator)))
 
 
 @pytest.fixture

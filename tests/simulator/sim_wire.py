@@ -28,9 +28,15 @@ Json = dict[str, Any]
 
 
 class JsonClient:
-    """Blocking client for JSON text frames over a WebSocket."""
+    """Blocking client for JSON text frames over a WebSocket.
 
-    def __init__(self, port: int) -> None:
+    Attributes:
+        pushes: pushes that have not been asked for yet.
+        simulator: the simulated chassis, unless it runs as a program.
+    """
+
+    def __init__(self, port: int, simulator: SimulatorThread | None = None) -> None:
+        self.simulator: Any = simulator
         self._loop = asyncio.new_event_loop()
         self._sn = 0
         self.pushes: deque[Json] = deque()
@@ -126,15 +132,15 @@ async def _connect(address: str) -> Any:
 
 
 @contextmanager
-def connected(**options: Any) -> Iterator[tuple[SimulatorThread, JsonClient]]:
+def connected(**options: Any) -> Iterator[JsonClient]:
     """Run a simulated chassis, by default in real time, and connect a client to it.
 
     Args:
         options: options of `running_chassis`.
     """
     chassis = running_chassis(**{"speed": 1.0, **options})
-    with chassis as simulator, closing(JsonClient(simulator.port)) as client:
-        yield simulator, client
+    with chassis as simulator, closing(JsonClient(simulator.port, simulator)) as client:
+        yield client
 
 
 def pass_time(simulator: SimulatorThread, seconds: float) -> None:
@@ -166,9 +172,14 @@ def body_of(pack: MessagePackJson) -> Any:
 
 
 class TcpClient:
-    """Blocking client for protobuf frames over TCP, each with its length as a varint."""
+    """Blocking client for protobuf frames over TCP, each with its length as a varint.
 
-    def __init__(self, port: int) -> None:
+    Attributes:
+        simulator: the simulated chassis, unless it runs as a program.
+    """
+
+    def __init__(self, port: int, simulator: SimulatorThread | None = None) -> None:
+        self.simulator: Any = simulator
         self._socket = socket.create_connection(("127.0.0.1", port), TIMEOUT)
         self._file = self._socket.makefile("rb")
 

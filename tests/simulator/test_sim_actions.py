@@ -8,7 +8,6 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.simulator.sim_wire import Json, JsonClient
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import wait_until
 
 CALL = "woosh.ros.CallAction"
@@ -58,12 +57,7 @@ def step_request(mode: int, value: float, **more: float) -> Json:
     ],
 )
 def test_step_moves_the_base_by_its_value(
-    simulator: SimulatorThread,
-    client: JsonClient,
-    mode: int,
-    value: float,
-    angle: float,
-    expected: tuple[float, float, float],
+    client: JsonClient, mode: int, value: float, angle: float, expected: tuple[float, float, float]
 ) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
     client.ask(CALL, step_request(mode, value, speed=0.78, angle=angle))
@@ -71,18 +65,18 @@ def test_step_moves_the_base_by_its_value(
     assert {each["action"] for each in reports} == {"woosh.ros.action.StepControl"}
     assert [each["state"] for each in reports[:-1]] == [EXECUTING] * (len(reports) - 1)
     assert reports[-1]["state"] == SUCCESS
-    pose = simulator.state.pose
+    pose = client.simulator.state.pose
     assert (pose.x - 3, pose.y, pose.theta) == pytest.approx(expected, abs=1e-5)
 
 
-def test_steps_run_one_after_another(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_steps_run_one_after_another(client: JsonClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
     square = [{"mode": 1, "value": 1}, {"mode": 2, "value": math.pi / 2}] * 4
     client.ask(CALL, {"stepControl": {"action": 1, "steps": square}})
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
-    pose = simulator.state.pose
+    pose = client.simulator.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((3, 0, 0), abs=1e-4)
-    assert simulator.state.odometer == pytest.approx(1208.0, abs=1e-3)
+    assert client.simulator.state.odometer == pytest.approx(1208.0, abs=1e-3)
 
 
 def test_step_fails_at_a_wall(client: JsonClient) -> None:
@@ -93,19 +87,19 @@ def test_step_fails_at_a_wall(client: JsonClient) -> None:
     assert "obstacle" in end["msg"]
 
 
-def test_lift_actions_reach_their_heights(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_lift_actions_reach_their_heights(client: JsonClient) -> None:
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
-    assert simulator.state.jack == pytest.approx(0.06)
+    assert client.simulator.state.jack == pytest.approx(0.06)
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 2}})
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
-    assert simulator.state.jack == 0.0
+    assert client.simulator.state.jack == 0.0
     for mode, height, there in ((1, 0.5, 0.5), (2, 0.2, 0.7), (2, -0.1, 0.6), (3, 0, 0), (4, 0, 0)):
         lift3 = {"action": 1, "executeMode": mode, "speed": 0.2, "height": height}
         client.ask(CALL, {"liftControl3": lift3})
         end = feedback_until_end(client)[-1]
         assert (end["action"], end["state"]) == ("woosh.ros.action.LiftControl3", SUCCESS)
-        assert simulator.state.column == pytest.approx(there, abs=1e-6)
+        assert client.simulator.state.column == pytest.approx(there, abs=1e-6)
     client.ask(CALL, {"liftControl2": {"action": 1, "height": 0.4}})
     feedback_until_end(client)
     client.ask(CALL, {"liftControl3": {"action": 1, "executeMode": 0}})
@@ -123,20 +117,16 @@ TARGET = {"x": 0.57, "y": 2.54, "theta": 1.57}
     ],
     ids=["target", "last pose"],
 )
-def test_move_base_reaches_its_target_or_last_pose(
-    simulator: SimulatorThread, client: JsonClient, move: Json
-) -> None:
+def test_move_base_reaches_its_target_or_last_pose(client: JsonClient, move: Json) -> None:
     client.ask(CALL, {"moveBase": {"action": 1, **move}})
     reports = feedback_until_end(client)
     assert reports[-1]["state"] == SUCCESS
     assert len(reports) > 3
-    pose = simulator.state.pose
+    pose = client.simulator.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((0.57, 2.54, 1.57), abs=0.005)
 
 
-def test_action_can_be_paused_resumed_and_cancelled(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_action_can_be_paused_resumed_and_cancelled(client: JsonClient) -> None:
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     assert next_feedback(client)["state"] == EXECUTING
     client.ask(CALL, {"stepControl": {"action": 2}})
@@ -150,16 +140,14 @@ def test_action_can_be_paused_resumed_and_cancelled(
         assert "not running" in client.refusal(CALL, {"stepControl": {"action": action}})
 
 
-def test_resumed_step_covers_its_full_distance(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_resumed_step_covers_its_full_distance(client: JsonClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
     client.ask(CALL, step_request(1, 2.0, speed=0.1))
     next_feedback(client)
     client.ask(CALL, {"stepControl": {"action": 2}})
     client.ask(CALL, {"stepControl": {"action": 3}})
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
-    assert simulator.state.pose.x == pytest.approx(5.0, abs=1e-5)
+    assert client.simulator.state.pose.x == pytest.approx(5.0, abs=1e-5)
 
 
 def test_newer_action_replaces_the_older_one(client: JsonClient) -> None:
@@ -216,24 +204,27 @@ def test_task_replaces_a_step_and_refuses_another(client: JsonClient) -> None:
     ],
 )
 def test_cancel_moves_nothing_whatever_else_the_command_contains(
-    simulator: SimulatorThread, client: JsonClient, start: Json, cancel: Json
+    client: JsonClient, start: Json, cancel: Json
 ) -> None:
-    before = simulator.state
+    before = client.simulator.state
     assert "is not running" in client.refusal(CALL, cancel)
-    assert (simulator.state.pose, simulator.state.column) == (before.pose, before.column)
+    assert (client.simulator.state.pose, client.simulator.state.column) == (
+        before.pose,
+        before.column,
+    )
     client.ask(CALL, start)
     assert next_feedback(client)["state"] == EXECUTING
     client.ask(CALL, cancel)
     assert feedback_until_end(client)[-1]["state"] == CANCEL
 
 
-def test_emergency_stop_ends_actions(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_emergency_stop_ends_actions(client: JsonClient) -> None:
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     assert next_feedback(client)["state"] == EXECUTING
-    simulator.set_emergency_stop(True)
+    client.simulator.set_emergency_stop(True)
     end = feedback_until_end(client)[-1]
     assert (end["state"], end["msg"]) == (EXECUTE_FAILED, "emergency stop is pressed")
-    assert simulator.state.velocity.speed == 0.0
+    assert client.simulator.state.velocity.speed == 0.0
 
 
 def test_feedbacks_request_returns_the_last_state_of_each_action(client: JsonClient) -> None:
@@ -257,9 +248,7 @@ def at_charger(client: JsonClient) -> None:
 
 
 @pytest.mark.usefixtures("at_charger")
-def test_charge_control_starts_and_stops_charging(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_charge_control_starts_and_stops_charging(client: JsonClient) -> None:
     client.ask(CALL, CHARGE)
     while client.ask("woosh.robot.Battery")["chargeState"] != 3:
         pass
@@ -272,7 +261,7 @@ def test_charge_control_starts_and_stops_charging(
     ]
     assert client.ask("woosh.robot.Battery")["chargeState"] == 1
     assert client.ask("woosh.robot.RobotState")["state"] == 2
-    pose = simulator.state.pose
+    pose = client.simulator.state.pose
     assert (pose.x, pose.y) == pytest.approx((-10.3, 0.5), abs=0.01)
 
 
@@ -286,13 +275,11 @@ def test_charging_pauses_resumes_and_is_cancelled(client: JsonClient) -> None:
             pass
 
 
-def test_leaving_a_charger_elsewhere_succeeds_without_moving(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    odometer = simulator.state.odometer
+def test_leaving_a_charger_elsewhere_succeeds_without_moving(client: JsonClient) -> None:
+    odometer = client.simulator.state.odometer
     client.ask(CALL, EXIT)
     assert feedback_until_end(client)[-1]["msg"] == "not at a charger"
-    assert simulator.state.odometer == odometer
+    assert client.simulator.state.odometer == odometer
 
 
 def test_leaving_a_charger_is_refused_while_a_task_charges(client: JsonClient) -> None:
@@ -304,34 +291,30 @@ def test_leaving_a_charger_is_refused_while_a_task_charges(client: JsonClient) -
 
 # Slow enough that the lift moves while requests come, also on a busy machine.
 @pytest.mark.chassis(speed=2)
-def test_lift_to_a_height_pauses_resumes_and_is_cancelled(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_lift_to_a_height_pauses_resumes_and_is_cancelled(client: JsonClient) -> None:
     client.ask(CALL, {"liftControl2": {"action": 1, "height": 1.0}})
     assert next_feedback(client)["action"] == "woosh.ros.action.LiftControl2"
-    wait_until(lambda: simulator.state.column > 0.0, "the lift")
+    wait_until(lambda: client.simulator.state.column > 0.0, "the lift")
     client.ask(CALL, {"liftControl2": {"action": 2}})
     wait_state(client, PAUSE)
-    paused_at = simulator.state.column
+    paused_at = client.simulator.state.column
     assert 0.0 < paused_at < 1.0
     client.ask(CALL, {"liftControl2": {"action": 3}})
     wait_state(client, EXECUTING)
-    wait_until(lambda: simulator.state.column > paused_at, "the lift")
+    wait_until(lambda: client.simulator.state.column > paused_at, "the lift")
     client.ask(CALL, {"liftControl2": {"action": 0}})
     assert feedback_until_end(client)[-1]["state"] == CANCEL
-    assert simulator.state.column < 1.0
+    assert client.simulator.state.column < 1.0
     too_high = client.refusal(CALL, {"liftControl2": {"action": 1, "height": 1.1}})
     assert too_high.startswith("lift")
 
 
-def test_nav_mode_action_limits_the_speed_and_ends(
-    client: JsonClient, simulator: SimulatorThread
-) -> None:
+def test_nav_mode_action_limits_the_speed_and_ends(client: JsonClient) -> None:
     client.subscribe("woosh.robot.PoseSpeed")
-    set_speed(simulator, 1.0)  # the mode is set before the robot has accelerated
+    set_speed(client.simulator, 1.0)  # the mode is set before the robot has accelerated
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": 8}}})
     client.ask(CALL, {"navMode": {"mode": 1, "maxSpeed": 0.25}})
-    set_speed(simulator, 50.0)
+    set_speed(client.simulator, 50.0)
     speeds, states = [], []
     while True:
         frame = client.receive()
@@ -373,14 +356,12 @@ def test_path_requests_refer_to_the_job_that_drives(client: JsonClient) -> None:
     assert goal() is None
 
 
-def test_path_requests_refer_to_the_action_for_which_a_task_waits(
-    client: JsonClient, simulator: SimulatorThread
-) -> None:
+def test_path_requests_refer_to_the_action_for_which_a_task_waits(client: JsonClient) -> None:
     client.subscribe("woosh.robot.TaskProc")
     client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
     client.next_push("woosh.robot.TaskProc", lambda body: body["state"] == 5)  # it waits
     target = {"x": 3.0, "y": -5.0, "theta": 0.0}
-    set_speed(simulator, 1.0)  # the action still drives when the path is read
+    set_speed(client.simulator, 1.0)  # the action still drives when the path is read
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": target}})
     client.ask("woosh.robot.ActionOrder", {"order": 3})
     client.next_push("woosh.robot.TaskProc", lambda body: body["robotTaskId"] == "77702")
@@ -389,12 +370,12 @@ def test_path_requests_refer_to_the_action_for_which_a_task_waits(
     assert segment["target"] == target
 
 
-def test_zero_twist_pauses_a_moving_action(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_zero_twist_pauses_a_moving_action(client: JsonClient) -> None:
     client.ask(CALL, step_request(1, 3.0, speed=0.5))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     answer = client.request("woosh.robot.Twist")
     assert answer["msg"] == "stopped: StepControl is paused, continue or cancel it"
-    assert simulator.state.velocity.speed == 0.0
+    assert client.simulator.state.velocity.speed == 0.0
     states: dict[str, int] = {}
     expected = {"woosh.ros.action.LiftControl": SUCCESS, "woosh.ros.action.StepControl": PAUSE}
     while states != expected:

@@ -6,7 +6,6 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorThread
 
 PROC = "woosh.robot.TaskProc"
 INIT, READY, EXECUTING, COMPLETED, CANCELED = 1, 2, 3, 7, 8
@@ -21,20 +20,18 @@ def _subscribed(client: JsonClient) -> None:
     client.subscribe(PROC)
 
 
-def set_battery(simulator: SimulatorThread, level: float = 15.0) -> None:
-    simulator.call(lambda s: setattr(s.chassis.battery, "level", level))
+def set_battery(client: JsonClient, level: float = 15.0) -> None:
+    client.simulator.call(lambda s: setattr(s.chassis.battery, "level", level))
 
 
 def next_started_task(client: JsonClient) -> Json:
     return client.next_push(PROC, lambda body: body["state"] == EXECUTING)
 
 
-def test_robot_charges_when_the_battery_is_low_then_parks(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_robot_charges_when_the_battery_is_low_then_parks(client: JsonClient) -> None:
     levels = {"alarm": 5, "low": 20, "idle": 20, "full": 21}
     client.ask("woosh.robot.setting.Power", levels)
-    set_battery(simulator, 19.6)
+    set_battery(client, 19.6)
     reports = [client.next_push(PROC)]
     while reports[-1]["state"] != COMPLETED:
         reports.append(client.next_push(PROC))
@@ -45,27 +42,23 @@ def test_robot_charges_when_the_battery_is_low_then_parks(
     assert (parking["type"], parking["dest"]) == (PARKING, "P1")
     assert client.ask("woosh.robot.RobotState")["state"] == 3
     assert client.next_push(PROC, lambda body: body["state"] == COMPLETED)
-    assert simulator.state.pose.distance((10.5, -8.5)) < 0.01
+    assert client.simulator.state.pose.distance((10.5, -8.5)) < 0.01
     # It stays there.
-    pass_time(simulator, 3 * PARK_AFTER)
+    pass_time(client.simulator, 3 * PARK_AFTER)
     assert client.take_pushes(PROC) == []
 
 
-def test_robot_with_a_low_battery_parks_if_the_map_has_no_charger(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_robot_with_a_low_battery_parks_if_the_map_has_no_charger(client: JsonClient) -> None:
     client.ask("woosh.map.mark.storage.Delete", {"no": "C1"})
-    set_battery(simulator)
+    set_battery(client)
     assert next_started_task(client)["type"] == PARKING
 
 
-def test_no_automatic_task_starts_unless_it_is_allowed(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_no_automatic_task_starts_unless_it_is_allowed(client: JsonClient) -> None:
     client.ask("woosh.robot.setting.AutoCharge", {"allow": False})
     client.ask("woosh.robot.setting.AutoPark", {"allow": False})
-    set_battery(simulator)
-    pass_time(simulator, 3 * PARK_AFTER)
+    set_battery(client)
+    pass_time(client.simulator, 3 * PARK_AFTER)
     assert client.take_pushes(PROC) == []
     client.ask("woosh.robot.setting.AutoCharge", {"allow": True})
     assert next_started_task(client)["type"] == CHARGE
@@ -85,43 +78,37 @@ def test_no_automatic_task_starts_unless_it_is_allowed(
     ],
 )
 def test_no_automatic_task_starts_while_the_robot_is_in_use_or_has_no_mark(
-    simulator: SimulatorThread, client: JsonClient, name: str, begin: Json, end: Json
+    client: JsonClient, name: str, begin: Json, end: Json
 ) -> None:
     client.ask(f"woosh.robot.{name}", begin)
-    set_battery(simulator)
-    pass_time(simulator, 3 * PARK_AFTER)
+    set_battery(client)
+    pass_time(client.simulator, 3 * PARK_AFTER)
     assert client.take_pushes(PROC) == []
     client.ask(f"woosh.robot.{name}", end)
     assert next_started_task(client)["type"] == CHARGE
 
 
-def test_no_automatic_task_replaces_a_paused_task(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_no_automatic_task_replaces_a_paused_task(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 1, "markNo": "A23"})
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     client.take_pushes(PROC)
-    set_battery(simulator)
-    pass_time(simulator, 3 * PARK_AFTER)
+    set_battery(client)
+    pass_time(client.simulator, 3 * PARK_AFTER)
     assert client.take_pushes(PROC) == []
 
 
-def test_velocity_commands_postpone_automatic_tasks(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_velocity_commands_postpone_automatic_tasks(client: JsonClient) -> None:
     # Slow, so that even a busy machine sends the next command before the delay ends.
-    simulator.call(lambda s: setattr(s, "speed", 4.0))
-    set_battery(simulator)
-    since = simulator.state.elapsed
-    while simulator.state.elapsed < since + 1.5 * CHARGE_AFTER:
+    client.simulator.call(lambda s: setattr(s, "speed", 4.0))
+    set_battery(client)
+    since = client.simulator.state.elapsed
+    while client.simulator.state.elapsed < since + 1.5 * CHARGE_AFTER:
         client.ask("woosh.robot.Twist")  # an untouched joystick sends zeros too
     assert client.take_pushes(PROC) == []
 
 
-def test_client_task_replaces_an_automatic_task(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    set_battery(simulator)
+def test_client_task_replaces_an_automatic_task(client: JsonClient) -> None:
+    set_battery(client)
     charging = next_started_task(client)
     client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 1, "markNo": "A2"})
     end = client.next_push(PROC)
@@ -144,9 +131,9 @@ def test_client_task_replaces_an_automatic_task(
     ],
 )
 def test_client_motion_or_cancel_ends_an_automatic_task(
-    simulator: SimulatorThread, client: JsonClient, name: str, body: Json
+    client: JsonClient, name: str, body: Json
 ) -> None:
-    set_battery(simulator)
+    set_battery(client)
     next_started_task(client)
     client.ask(name, body)
     end = client.next_push(PROC)
@@ -154,24 +141,20 @@ def test_client_motion_or_cancel_ends_an_automatic_task(
     assert end["msg"].startswith(("replaced by", "stopped by", "cancelled"))
 
 
-def test_zero_twist_says_that_it_has_cancelled_an_automatic_task(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    set_battery(simulator)
+def test_zero_twist_says_that_it_has_cancelled_an_automatic_task(client: JsonClient) -> None:
+    set_battery(client)
     task = next_started_task(client)["robotTaskId"]
     answer = client.request("woosh.robot.Twist")
     assert (answer["ok"], answer["msg"]) == (True, f"stopped: task {task} is cancelled")
 
 
-def test_emergency_stop_cancels_an_automatic_task(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    set_battery(simulator)
+def test_emergency_stop_cancels_an_automatic_task(client: JsonClient) -> None:
+    set_battery(client)
     next_started_task(client)
-    simulator.set_emergency_stop(True)
+    client.simulator.set_emergency_stop(True)
     end = client.next_push(PROC)
     assert (end["state"], end["msg"]) == (CANCELED, "emergency stop is pressed")
-    simulator.set_emergency_stop(False)
+    client.simulator.set_emergency_stop(False)
     assert next_started_task(client)["type"] == CHARGE
 
 

@@ -11,7 +11,7 @@ import pytest
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, connected
 from tests.simulator.test_sim_program import running
-from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig
 from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET, SEEDED_START
 
@@ -21,14 +21,17 @@ CODE, PROC = "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
 
 @pytest.mark.parametrize("offset", [-9 * HOUR, 0.0, 41 * HOUR, MAX_CLOCK_OFFSET, -MAX_CLOCK_OFFSET])
 def test_every_time_of_a_message_has_the_offset(offset: float) -> None:
-    with connected(speed=20, clock_offset=offset, profile="tr200") as (simulator, client):
+    with connected(speed=20, clock_offset=offset, profile="tr200") as client:
         client.subscribe(CODE, PROC)
         client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
         proc = client.next_push(PROC, lambda body: body.get("state") == 3)
-        simulator.inject("emergency_stop")
+        client.simulator.inject("emergency_stop")
         code = client.next_push(CODE, lambda body: body["code"] == "110201000013")
         frame = client.request("woosh.robot.Mode")
-        begin, end = SEEDED_START + offset, SEEDED_START + offset + simulator.state.elapsed + 1
+        begin, end = (
+            SEEDED_START + offset,
+            SEEDED_START + offset + client.simulator.state.elapsed + 1,
+        )
         times = [
             proc["time"],
             int(code["time"]) / 1000,
@@ -44,33 +47,31 @@ def test_offset_on_the_command_line_is_to_the_real_clock() -> None:
         assert before - 9 * HOUR - 60 < robot < time.time() - 9 * HOUR + 60
 
 
-def test_clock_of_a_running_robot_jumps(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_clock_of_a_running_robot_jumps(client: JsonClient) -> None:
     def clock() -> float:
         return float(client.request("woosh.robot.Mode")["timestamp"]) / 1000
 
     def expected() -> float:
-        return SEEDED_START + simulator.state.elapsed
+        return SEEDED_START + client.simulator.state.elapsed
 
-    elapsed = simulator.state.elapsed
-    ahead = simulator.inject("clock_jump", by=41 * HOUR)
-    back = simulator.inject("clock_jump", by=-50 * HOUR)
+    elapsed = client.simulator.state.elapsed
+    ahead = client.simulator.inject("clock_jump", by=41 * HOUR)
+    back = client.simulator.inject("clock_jump", by=-50 * HOUR)
     assert clock() == pytest.approx(expected() - 9 * HOUR, abs=60)
     ahead.clear()
     assert clock() == pytest.approx(expected() - 50 * HOUR, abs=60)
     back.clear()
     assert clock() == pytest.approx(expected(), abs=60)
-    assert simulator.state.elapsed - elapsed < 600  # the simulated time itself does not jump
+    assert client.simulator.state.elapsed - elapsed < 600  # the simulated time itself does not jump
 
 
-def test_jumps_never_exceed_the_maximum_offset(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    jumps = [simulator.inject("clock_jump", by=-MAX_CLOCK_OFFSET) for _ in range(10)]
+def test_jumps_never_exceed_the_maximum_offset(client: JsonClient) -> None:
+    jumps = [client.simulator.inject("clock_jump", by=-MAX_CLOCK_OFFSET) for _ in range(10)]
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
-    assert simulator.call(lambda s: s.chassis.clock_offset) == -MAX_CLOCK_OFFSET
+    assert client.simulator.call(lambda s: s.chassis.clock_offset) == -MAX_CLOCK_OFFSET
     for jump in jumps:
         jump.clear()
-    assert simulator.call(lambda s: s.chassis.clock_offset) == 0.0
+    assert client.simulator.call(lambda s: s.chassis.clock_offset) == 0.0
 
 
 @pytest.mark.parametrize("offset", [1e10, -1e10, float("nan"), float("inf")])

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from tests.simulator.sim_wire import Connect, Json, JsonClient
-from woosh_robot_agent.simulator import SimulatorThread
 
 # Setter, its body, the state message it changes, its field in RobotInfo, expected fields.
 SETTERS: list[tuple[str, Json, str, str, Json]] = [
@@ -68,16 +67,14 @@ def test_setter_answers_with_the_new_value(client: JsonClient) -> None:
 
 
 @pytest.mark.parametrize("setter", ["InitRobot", "SetRobotPose"])
-def test_pose_setter_moves_robot_and_scan(
-    simulator: SimulatorThread, client: JsonClient, setter: str
-) -> None:
+def test_pose_setter_moves_robot_and_scan(client: JsonClient, setter: str) -> None:
     client.subscribe("woosh.robot.PoseSpeed")
     client.ask(f"woosh.robot.{setter}", {"pose": {"x": 1.23, "y": 2.34, "theta": 1.57}})
     pose = client.next_push("woosh.robot.PoseSpeed")["pose"]
     assert [pose["x"], pose["y"], pose["theta"]] == pytest.approx([1.23, 2.34, 1.57])
     scan = client.ask("woosh.robot.ScannerData")
     assert scan["pose"] == pose
-    assert simulator.state.pose.x == pytest.approx(1.23)
+    assert client.simulator.state.pose.x == pytest.approx(1.23)
 
 
 def test_init_robot_in_place_ignores_the_empty_pose(client: JsonClient) -> None:
@@ -150,10 +147,10 @@ def test_wifi_orders_show_in_network(client: JsonClient) -> None:
     assert client.next_push("woosh.robot.Network")["wifi"]["name"] == ""
 
 
-def test_emergency_stop_shows_in_all_states(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_emergency_stop_shows_in_all_states(client: JsonClient) -> None:
     topics = ["DeviceState", "RobotState", "OperationState", "HardwareState"]
     client.subscribe("woosh.robot.count.AbnormalCodes", *(f"woosh.robot.{t}" for t in topics))
-    simulator.set_emergency_stop(True)
+    client.simulator.set_emergency_stop(True)
     assert client.next_push("woosh.robot.RobotState")["state"] == 6
     info = client.ask("woosh.robot.RobotInfo")
     assert info["deviceState"]["hardware"] == 1024
@@ -161,7 +158,7 @@ def test_emergency_stop_shows_in_all_states(simulator: SimulatorThread, client: 
     assert [code["code"] for code in info["abnormalCodes"]["scs"]] == ["110201000013"]
     assert "emergency stop" in client.refusal("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
     assert "emergency stop" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
-    simulator.set_emergency_stop(False)
+    client.simulator.set_emergency_stop(False)
     assert client.ask("woosh.robot.count.AbnormalCodes")["scs"] == []
     assert client.ask("woosh.robot.RobotState")["state"] == 2
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})

@@ -107,7 +107,7 @@ def pushes_over_a_socket(monkeypatch: pytest.MonkeyPatch, speed: float) -> list[
 
     with monkeypatch.context() as patched:
         patched.setattr(Chassis, "tick", gated)
-        with connected(speed=speed, **OPTIONS) as (_, client):
+        with connected(speed=speed, **OPTIONS) as client:
             client.subscribe(*sorted(TOPICS))
             subscribed.set()
             frames = [client.receive()]

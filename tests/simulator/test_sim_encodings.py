@@ -10,7 +10,6 @@ import pytest
 from tests.simulator.sim_wire import JsonClient, TcpClient, body_of, packed, subscription
 from woosh_robot_agent.pb.robot import robot_pack_pb2, robot_pb2
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.simulator import SimulatorThread
 
 
 def parse(data: Any) -> MessagePackJson:
@@ -44,14 +43,12 @@ def test_tcp_client_gets_pushes_and_refusals(tcp: TcpClient) -> None:
     assert refused.body.value == b""
 
 
-def test_pushes_use_the_encoding_of_the_subscription(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
-) -> None:
+def test_pushes_use_the_encoding_of_the_subscription(client: JsonClient, tcp: TcpClient) -> None:
     client.send(subscription("woosh.robot.Mode"))
     client.subscribe("woosh.robot.Battery")
     tcp.send(subscription("woosh.robot.Mode"))
     assert tcp.request("woosh.robot.Mode").ok
-    simulator.push(robot_pb2.Battery(power=50))
+    client.simulator.push(robot_pb2.Battery(power=50))
     assert json.loads(client.complete(client.socket.recv()))["body"]["power"] == 50
     client.send({"type": "woosh.robot.SwitchWorkMode", "body": {"mode": 3}, "sn": 77})
     frames = [client.complete(client.socket.recv()) for _ in range(2)]

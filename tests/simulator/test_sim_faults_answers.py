@@ -6,7 +6,6 @@ import pytest
 
 from tests.simulator.sim_wire import JsonClient, TcpClient, connected, packed, subscription
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
@@ -23,11 +22,9 @@ def answer_order(client: JsonClient, count: int) -> list[int]:
     return [client.receive()["sn"] for _ in range(count)]
 
 
-def test_refuse_answers_with_its_text(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
-) -> None:
-    everything = simulator.inject("refuse", text="out of order")
-    simulator.inject("refuse", type=OCCUPY, text="今天不行", count=1)
+def test_refuse_answers_with_its_text(client: JsonClient, tcp: TcpClient) -> None:
+    everything = client.simulator.inject("refuse", text="out of order")
+    client.simulator.inject("refuse", type=OCCUPY, text="今天不行", count=1)
     # The newest fault takes precedence, and ends after one request.
     assert client.refusal(OCCUPY, {"occupy": True}) == "今天不行"
     assert client.refusal(OCCUPY, {"occupy": True}) == "out of order"
@@ -35,33 +32,31 @@ def test_refuse_answers_with_its_text(
     assert (answer.ok, answer.msg, answer.type) == (False, "out of order", MODE)
     everything.clear()
     assert not client.ask("woosh.robot.DeviceState")["software"] & OCCUPIED
-    assert simulator.counts[OCCUPY] == 2
+    assert client.simulator.counts[OCCUPY] == 2
     assert everything.hits == 2
     # Other types are not refused.
-    simulator.inject("refuse", type=OCCUPY)
+    client.simulator.inject("refuse", type=OCCUPY)
     client.ask(MODE)
     assert client.refusal(OCCUPY) == "refused by the simulator"
 
 
-def test_clearing_all_faults_releases_delayed_answers(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    fault = simulator.inject("delay", seconds=HOUR, jitter=HOUR, count=3)
+def test_clearing_all_faults_releases_delayed_answers(client: JsonClient) -> None:
+    fault = client.simulator.inject("delay", seconds=HOUR, jitter=HOUR, count=3)
     for sn in range(1, 4):
         client.send({"type": MODE, "sn": sn})
     wait_until(lambda: fault.hits == 3)
     assert not fault.active
-    assert simulator.faults == []
+    assert client.simulator.faults == []
     client.ask(BATTERY)
-    simulator.clear_faults()
+    client.simulator.clear_faults()
     assert sorted(client.receive()["sn"] for _ in range(3)) == [1, 2, 3]
 
 
-def test_delay_applies_to_pushes(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_delay_applies_to_pushes(client: JsonClient) -> None:
     client.subscribe(BATTERY, MODE)
-    simulator.inject("delay", seconds=0.3, frames="pushes", type=BATTERY)
-    simulator.push(robot_pb2.Battery(power=3))
-    simulator.push(robot_pb2.Mode())
+    client.simulator.inject("delay", seconds=0.3, frames="pushes", type=BATTERY)
+    client.simulator.push(robot_pb2.Battery(power=3))
+    client.simulator.push(robot_pb2.Mode())
     assert [client.receive()["type"] for _ in range(2)] == [MODE, BATTERY]
 
 
@@ -69,12 +64,12 @@ def test_equal_seeds_give_equal_jitter() -> None:
     """The delays differ so much that the order of the answers shows them."""
     seen = []
     for _ in range(2):
-        with connected(seed=3) as (simulator, client):
-            fault = simulator.inject("delay", seconds=0.0, jitter=HOUR)
+        with connected(seed=3) as client:
+            fault = client.simulator.inject("delay", seconds=0.0, jitter=HOUR)
             for sn in range(1, 11):
                 client.send({"type": MODE, "sn": sn})
             wait_until(lambda fault=fault: fault.hits == 10)
-            simulator.clear_faults()  # releases the answers in the order of their delays
+            client.simulator.clear_faults()  # releases the answers in the order of their delays
             seen.append([client.receive()["sn"] for _ in range(10)])
     assert seen[0] == seen[1]
     assert sorted(seen[0]) == list(range(1, 11)) != seen[0]
@@ -83,8 +78,8 @@ def test_equal_seeds_give_equal_jitter() -> None:
 def test_reorder_shuffles_within_its_window() -> None:
     seen = []
     for _ in range(2):
-        with connected(seed=5) as (simulator, client):
-            simulator.inject("reorder", window=5, seconds=HOUR)
+        with connected(seed=5) as client:
+            client.simulator.inject("reorder", window=5, seconds=HOUR)
             seen.append(answer_order(client, 15))
     assert seen[0] == seen[1]
     for begin in (0, 5, 10):
@@ -92,23 +87,19 @@ def test_reorder_shuffles_within_its_window() -> None:
         assert sorted(group) == list(range(begin + 1, begin + 6)) != group
 
 
-def test_reorder_releases_frames_on_timeout_and_on_clear(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    fault = simulator.inject("reorder", window=100, seconds=0.1)
+def test_reorder_releases_frames_on_timeout_and_on_clear(client: JsonClient) -> None:
+    fault = client.simulator.inject("reorder", window=100, seconds=0.1)
     assert sorted(answer_order(client, 3)) == [1, 2, 3]
     fault.clear()
-    fault = simulator.inject("reorder", window=100, seconds=HOUR)
+    fault = client.simulator.inject("reorder", window=100, seconds=HOUR)
     client.send({"type": MODE, "sn": 9})
     wait_until(lambda: fault.hits == 1)
     fault.clear()
     assert client.receive()["sn"] == 9
 
 
-def test_reorder_treats_each_client_separately(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
-) -> None:
-    fault = simulator.inject("reorder", window=2, seconds=HOUR)
+def test_reorder_treats_each_client_separately(client: JsonClient, tcp: TcpClient) -> None:
+    fault = client.simulator.inject("reorder", window=2, seconds=HOUR)
     client.send({"type": MODE, "sn": 1})
     tcp.send(packed(MODE, sn=3))
     wait_until(lambda: fault.hits == 2)
@@ -118,42 +109,38 @@ def test_reorder_treats_each_client_separately(
     assert [tcp.receive().sn for _ in range(2)] == [4, 3]
 
 
-def test_lose_answer_executes_the_request(simulator: SimulatorThread, client: JsonClient) -> None:
-    simulator.inject("lose_answer", type=OCCUPY, count=1)
+def test_lose_answer_executes_the_request(client: JsonClient) -> None:
+    client.simulator.inject("lose_answer", type=OCCUPY, count=1)
     client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 500})
     assert client.ask("woosh.robot.DeviceState")["software"] & OCCUPIED  # the request was executed
     client.ask(OCCUPY, {"occupy": False})
-    assert simulator.counts[OCCUPY] == 2
+    assert client.simulator.counts[OCCUPY] == 2
 
 
-def test_answer_twice_executes_the_request_once(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
-) -> None:
-    simulator.inject("answer_twice")
+def test_answer_twice_executes_the_request_once(client: JsonClient, tcp: TcpClient) -> None:
+    client.simulator.inject("answer_twice")
     client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 500})
     first, second = client.receive(), client.receive()
     assert first == second
     assert first["sn"] == 500
     tcp.send(packed(MODE, sn=7))
     assert tcp.receive() == tcp.receive()
-    assert simulator.counts[OCCUPY] == 1  # executed once
+    assert client.simulator.counts[OCCUPY] == 1  # executed once
 
 
 @pytest.mark.parametrize(("by", "sn", "wrong"), [(1, 4, 5), (1, 2**31 - 1, 1), (10, 2**31 - 5, 6)])
 def test_wrong_sn_shifts_the_serial_number(
-    simulator: SimulatorThread, client: JsonClient, by: int, sn: int, wrong: int
+    client: JsonClient, by: int, sn: int, wrong: int
 ) -> None:
-    simulator.inject("wrong_sn", by=by, count=1)
+    client.simulator.inject("wrong_sn", by=by, count=1)
     client.send({"type": MODE, "sn": sn})
     assert client.receive()["sn"] == wrong
     client.send({"type": MODE, "sn": sn})
     assert client.receive()["sn"] == sn
 
 
-def test_wrong_type_replaces_the_type_name(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
-) -> None:
-    simulator.inject("wrong_type", type=BATTERY)
+def test_wrong_type_replaces_the_type_name(client: JsonClient, tcp: TcpClient) -> None:
+    client.simulator.inject("wrong_type", type=BATTERY)
     answer = client.request(BATTERY)
     assert (answer["type"], answer["body"]["power"] > 0) == ("woosh.robot.Network", True)
     answer = tcp.request(BATTERY)
@@ -162,35 +149,31 @@ def test_wrong_type_replaces_the_type_name(
     assert client.request(MODE)["type"] == MODE
 
 
-def test_faults_can_be_combined(simulator: SimulatorThread, client: JsonClient) -> None:
-    simulator.inject("answer_twice", type=BATTERY)
-    simulator.inject("wrong_type", other=MODE)
-    simulator.inject("delay", seconds=0.01)
+def test_faults_can_be_combined(client: JsonClient) -> None:
+    client.simulator.inject("answer_twice", type=BATTERY)
+    client.simulator.inject("wrong_type", other=MODE)
+    client.simulator.inject("delay", seconds=0.01)
     client.send({"type": BATTERY, "sn": 1})
     assert [client.receive()["type"] for _ in range(2)] == [MODE, MODE]
-    simulator.clear_faults()
+    client.simulator.clear_faults()
     assert client.request(BATTERY)["type"] == BATTERY
 
 
-def test_hook_replaces_the_earlier_one_of_its_kind(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    simulator.delay(BATTERY, HOUR)
-    simulator.delay(BATTERY, 0.01)
-    simulator.refuse(BATTERY, "no")
-    simulator.refuse(BATTERY, "never")
+def test_hook_replaces_the_earlier_one_of_its_kind(client: JsonClient) -> None:
+    client.simulator.delay(BATTERY, HOUR)
+    client.simulator.delay(BATTERY, 0.01)
+    client.simulator.refuse(BATTERY, "no")
+    client.simulator.refuse(BATTERY, "never")
     assert client.refusal(BATTERY) == "never"
-    assert [fault.name for fault in simulator.faults] == ["delay", "refuse"]
-    simulator.accept(BATTERY)
+    assert [fault.name for fault in client.simulator.faults] == ["delay", "refuse"]
+    client.simulator.accept(BATTERY)
     client.ask(BATTERY)
-    assert simulator.faults == []
+    assert client.simulator.faults == []
 
 
 @pytest.mark.chassis(speed=1, max_waiting=3)
-def test_waiting_requests_of_a_connection_are_limited(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
-) -> None:
-    simulator.inject("delay", seconds=HOUR)
+def test_waiting_requests_of_a_connection_are_limited(client: JsonClient, tcp: TcpClient) -> None:
+    client.simulator.inject("delay", seconds=HOUR)
     for sn in range(1, 6):
         client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": sn})
     refused = [client.receive() for _ in range(2)]
@@ -198,10 +181,10 @@ def test_waiting_requests_of_a_connection_are_limited(
     for answer in refused:
         assert (answer["type"], answer["ok"]) == (OCCUPY, False)
         assert "3 requests of this connection are waiting" in answer["msg"]
-    assert simulator.counts[OCCUPY] == 5
+    assert client.simulator.counts[OCCUPY] == 5
     tcp.send(packed(MODE, sn=1))  # each connection has its own limit
-    simulator.wait_received(MODE)
-    simulator.clear_faults()
+    client.simulator.wait_received(MODE)
+    client.simulator.clear_faults()
     assert [client.receive()["sn"] for _ in range(3)] == [1, 2, 3]
     assert tcp.receive().ok
     client.ask(MODE)
@@ -209,29 +192,27 @@ def test_waiting_requests_of_a_connection_are_limited(
 
 @pytest.mark.chassis(speed=1, max_waiting=2)
 def test_waiting_requests_of_a_frozen_chassis_are_limited(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+    client: JsonClient, tcp: TcpClient
 ) -> None:
-    simulator.inject("freeze")
+    client.simulator.inject("freeze")
     for sn in range(1, 5):
         client.send({"type": MODE, "sn": sn})
     for _ in range(3):  # subscriptions have no answer, so the connection is closed
         tcp.send(subscription(MODE))
-    simulator.wait_received(MODE, 4)
+    client.simulator.wait_received(MODE, 4)
     with pytest.raises(ConnectionError):
         tcp.receive()
-    simulator.clear_faults()
+    client.simulator.clear_faults()
     answers = [client.receive() for _ in range(4)]
     oks = {answer["sn"]: answer["ok"] for answer in answers}
     assert oks == {1: True, 2: True, 3: False, 4: False}
     client.ask(MODE)
 
 
-def test_waiting_answers_are_dropped_when_the_client_disconnects(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    simulator.inject("delay", seconds=HOUR)
+def test_waiting_answers_are_dropped_when_the_client_disconnects(client: JsonClient) -> None:
+    client.simulator.inject("delay", seconds=HOUR)
     client.send({"type": MODE, "sn": 1})
-    simulator.wait_received(MODE)
+    client.simulator.wait_received(MODE)
     client.complete(client.socket.close())
-    wait_until(lambda: simulator.connections == 0)
-    simulator.clear_faults()
+    wait_until(lambda: client.simulator.connections == 0)
+    client.simulator.clear_faults()

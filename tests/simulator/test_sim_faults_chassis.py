@@ -32,63 +32,55 @@ def distance_ahead(client: JsonClient) -> float:
     return float(ranges[len(ranges) // 2])
 
 
-def test_emergency_stop_ends_after_its_duration(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    begun = simulator.state.elapsed
-    fault = simulator.inject("emergency_stop", for_=5)
+def test_emergency_stop_ends_after_its_duration(client: JsonClient) -> None:
+    begun = client.simulator.state.elapsed
+    fault = client.simulator.inject("emergency_stop", for_=5)
     wait_until(lambda: not fault.active)
-    assert simulator.state.elapsed >= begun + 5
+    assert client.simulator.state.elapsed >= begun + 5
     assert abnormal_codes(client) == []
 
 
-def test_clearing_the_fault_keeps_a_button_pressed_before(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    simulator.set_emergency_stop(True)
-    simulator.inject("emergency_stop")
-    simulator.clear_faults()
+def test_clearing_the_fault_keeps_a_button_pressed_before(client: JsonClient) -> None:
+    client.simulator.set_emergency_stop(True)
+    client.simulator.inject("emergency_stop")
+    client.simulator.clear_faults()
     assert abnormal_codes(client) == [EMERGENCY_STOP]
 
 
-def test_client_can_restore_lost_localisation(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_client_can_restore_lost_localisation(client: JsonClient) -> None:
     pose = client.ask(POSE_SPEED)["pose"]
-    simulator.inject("lost_localisation")
+    client.simulator.inject("lost_localisation")
     client.ask("woosh.robot.SetRobotPose", {"pose": pose})
     wait_until(lambda: abnormal_codes(client) == [])
-    simulator.clear_faults()
+    client.simulator.clear_faults()
     assert abnormal_codes(client) == []
 
 
-def test_obstacle_ahead_is_seen_until_cleared(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_obstacle_ahead_is_seen_until_cleared(client: JsonClient) -> None:
     free = distance_ahead(client)
-    far = simulator.inject("obstacle", ahead=1.5, radius=0.2)
-    near = simulator.inject("obstacle", ahead=1.0, radius=0.2, for_=1000)
+    far = client.simulator.inject("obstacle", ahead=1.5, radius=0.2)
+    near = client.simulator.inject("obstacle", ahead=1.0, radius=0.2, for_=1000)
     # The laser sits 0.25 m in front of the base's centre.
     assert distance_ahead(client) == pytest.approx(1.0 - 0.2 - 0.25, abs=0.05)
     near.clear()
     assert distance_ahead(client) == pytest.approx(1.5 - 0.2 - 0.25, abs=0.05)
     far.clear()
     assert distance_ahead(client) == pytest.approx(free, abs=0.05)
-    assert simulator.call(lambda simulated: simulated.chassis.obstacles.names) == ()
+    assert client.simulator.call(lambda simulated: simulated.chassis.obstacles.names) == ()
 
 
-def test_obstacle_stands_at_its_coordinates(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_obstacle_stands_at_its_coordinates(client: JsonClient) -> None:
     pose = client.ask(POSE_SPEED)["pose"]
-    simulator.inject("obstacle", x=pose["x"] + 3, y=pose["y"])
-    walls = simulator.call(lambda simulated: simulated.chassis.obstacles.walls)
+    client.simulator.inject("obstacle", x=pose["x"] + 3, y=pose["y"])
+    walls = client.simulator.call(lambda simulated: simulated.chassis.obstacles.walls)
     assert min(wall.x1 for wall in walls) == pytest.approx(pose["x"] + 2.7, abs=0.02)
-    simulator.call(lambda simulated: simulated.chassis.obstacles.clear())
-    simulator.clear_faults()  # no error, although the obstacle is already removed
+    client.simulator.call(lambda simulated: simulated.chassis.obstacles.clear())
+    client.simulator.clear_faults()  # no error, although the obstacle is already removed
 
 
-def test_burst_pushes_its_count(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_burst_pushes_its_count(client: JsonClient) -> None:
     client.subscribe(POSE_SPEED)
-    fault = simulator.inject("burst")
+    fault = client.simulator.inject("burst")
     for _ in range(1000):
         client.next_push(POSE_SPEED)
     wait_until(lambda: not fault.active)
@@ -97,11 +89,9 @@ def test_burst_pushes_its_count(simulator: SimulatorThread, client: JsonClient) 
 
 
 @pytest.mark.parametrize("type_name", ["woosh.robot.TaskProc", "woosh.robot.count.StatusCode"])
-def test_burst_can_push_events(
-    simulator: SimulatorThread, client: JsonClient, type_name: str
-) -> None:
+def test_burst_can_push_events(client: JsonClient, type_name: str) -> None:
     client.subscribe(type_name)
-    simulator.inject("burst", type=type_name, count=7)
+    client.simulator.inject("burst", type=type_name, count=7)
     for _ in range(7):
         client.next_push(type_name)
 
@@ -121,18 +111,18 @@ def test_burst_does_not_drop_clients_that_read(
     assert quick.request("woosh.robot.Mode").ok
 
 
-def test_burst_keeps_its_rate(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_burst_keeps_its_rate(client: JsonClient) -> None:
     client.subscribe(POSE_SPEED)
     begun = time.monotonic()
-    simulator.inject("burst", count=11, rate=50)
+    client.simulator.inject("burst", count=11, rate=50)
     for _ in range(11):
         client.next_push(POSE_SPEED)
     assert time.monotonic() - begun >= 0.19
 
 
-def test_clear_ends_a_burst(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_clear_ends_a_burst(client: JsonClient) -> None:
     client.subscribe(POSE_SPEED)
-    fault = simulator.inject("burst", rate=0.1)
+    fault = client.simulator.inject("burst", rate=0.1)
     client.next_push(POSE_SPEED)
     fault.clear()
     assert not fault.active
@@ -151,15 +141,15 @@ def test_clear_ends_a_burst(simulator: SimulatorThread, client: JsonClient) -> N
     ],
 )
 def test_key_switch_may_accept_requests_and_not_move(
-    simulator: SimulatorThread, client: JsonClient, name: str, body: Json
+    client: JsonClient, name: str, body: Json
 ) -> None:
-    simulator.call(lambda s: s.chassis.obstacles.put("leader", -3.0, 0.0, 0.2))
-    before = simulator.state
-    fault = simulator.inject("key_switch", requests="accepted")
+    client.simulator.call(lambda s: s.chassis.obstacles.put("leader", -3.0, 0.0, 0.2))
+    before = client.simulator.state
+    fault = client.simulator.inject("key_switch", requests="accepted")
     answer = client.request(name, body)
     assert (answer["ok"], answer["msg"]) == (True, "Request succeed")
-    pass_time(simulator, 5.0)
-    after = simulator.state
+    pass_time(client.simulator, 5.0)
+    after = client.simulator.state
     assert (after.pose, after.jack) == (before.pose, before.jack)
     assert not after.velocity.speed
     if name == CALL:
@@ -168,34 +158,30 @@ def test_key_switch_may_accept_requests_and_not_move(
     fault.clear()
 
 
-def test_accepted_motion_begins_when_the_key_is_turned_back(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    fault = simulator.inject("key_switch", requests="accepted")
+def test_accepted_motion_begins_when_the_key_is_turned_back(client: JsonClient) -> None:
+    fault = client.simulator.inject("key_switch", requests="accepted")
     client.subscribe("woosh.ros.Feedbacks")
     client.ask(CALL, STEP)
-    pass_time(simulator, 2.0)
+    pass_time(client.simulator, 2.0)
     fault.clear()
     client.next_push("woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] == 1)
 
 
-def test_key_switch_that_accepts_stops_a_moving_robot(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_key_switch_that_accepts_stops_a_moving_robot(client: JsonClient) -> None:
     client.subscribe(POSE_SPEED)
     client.ask(*TASK)
     client.next_push(POSE_SPEED, lambda body: body["twist"]["linear"] > 0.3)
-    simulator.set_key_switch(True, accept=True)
-    pass_time(simulator, 0.2)
-    stopped = simulator.state.pose
-    pass_time(simulator, 5.0)
-    assert simulator.state.pose == stopped
+    client.simulator.set_key_switch(True, accept=True)
+    pass_time(client.simulator, 0.2)
+    stopped = client.simulator.state.pose
+    pass_time(client.simulator, 5.0)
+    assert client.simulator.state.pose == stopped
     assert client.ask("woosh.robot.TaskProc")["state"] == 3
 
 
-def test_code_burst_repeats_codes_in_order(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_code_burst_repeats_codes_in_order(client: JsonClient) -> None:
     client.subscribe(STATUS_CODE)
-    fault = simulator.inject("code_burst", count=400, rate=0)
+    fault = client.simulator.inject("code_burst", count=400, rate=0)
     wait_until(lambda: not fault.active)
     pushed = client.take_pushes(STATUS_CODE)
     assert len(pushed) == 400
@@ -210,10 +196,10 @@ def test_code_burst_repeats_codes_in_order(simulator: SimulatorThread, client: J
     assert client.ask(STATUS_CODE) == pushed[-1]
 
 
-def test_code_burst_sends_300_in_a_second(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_code_burst_sends_300_in_a_second(client: JsonClient) -> None:
     client.subscribe(STATUS_CODE)
     begun = time.monotonic()
-    simulator.inject("code_burst")
+    client.simulator.inject("code_burst")
     for _ in range(300):
         client.next_push(STATUS_CODE)
     assert time.monotonic() - begun >= 0.99

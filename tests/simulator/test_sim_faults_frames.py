@@ -28,6 +28,7 @@ class Peer:
     """A client that receives frames undecoded and parses them on demand; here protobuf over TCP."""
 
     def __init__(self, simulator: SimulatorThread) -> None:
+        self.simulator = simulator
         self._client: Any = TcpClient(simulator.tcp_port)
 
     def ask(self, sn: int, type_name: str = MODE) -> None:
@@ -56,6 +57,7 @@ class BinaryPeer(Peer):
     """Protobuf over a WebSocket."""
 
     def __init__(self, simulator: SimulatorThread) -> None:
+        self.simulator = simulator
         self._client = JsonClient(simulator.port)
 
     def receive_raw(self) -> bytes:
@@ -93,23 +95,23 @@ def exchange(peer: Peer, sn: int, type_name: str = MODE) -> tuple[str, int, Any]
 
 
 @pytest.mark.parametrize("name", ["garbage", "truncated", "invalid_utf8"])
-def test_damaged_frames_are_unreadable(simulator: SimulatorThread, peer: Peer, name: str) -> None:
+def test_damaged_frames_are_unreadable(peer: Peer, name: str) -> None:
     if name == "invalid_utf8" and LEGACY and isinstance(peer, JsonPeer):
         return  # this client closes the connection, see the next test
-    fault = simulator.inject(name, type=BATTERY, count=2)
+    fault = peer.simulator.inject(name, type=BATTERY, count=2)
     for sn in (1, 2):
         peer.ask(sn, BATTERY)
         with pytest.raises(ValueError):
             peer.parse(peer.receive_raw())
     assert not fault.active
     assert exchange(peer, 3, BATTERY)[:2] == (BATTERY, 3)
-    assert simulator.connections == 1
-    assert simulator.counts[BATTERY] == 3
+    assert peer.simulator.connections == 1
+    assert peer.simulator.counts[BATTERY] == 3
 
 
-def test_invalid_utf8_closes_a_websocket(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_invalid_utf8_closes_a_websocket(client: JsonClient) -> None:
     """A client must close the connection with code 1007, unless it reads text as bytes."""
-    simulator.inject("invalid_utf8", count=1)
+    client.simulator.inject("invalid_utf8", count=1)
     client.send({"type": MODE, "sn": 1})
     with pytest.raises(ConnectionClosed) as error:
         client.receive()
@@ -118,12 +120,12 @@ def test_invalid_utf8_closes_a_websocket(simulator: SimulatorThread, client: Jso
 
 
 @pytest.mark.parametrize("name", ["garbage", "truncated", "unknown_fields", "wrong_field_type"])
-def test_faults_damage_pushes(simulator: SimulatorThread, peer: Peer, name: str) -> None:
-    simulator.inject(name, frames="pushes", type=BATTERY)
+def test_faults_damage_pushes(peer: Peer, name: str) -> None:
+    peer.simulator.inject(name, frames="pushes", type=BATTERY)
     peer.subscribe(BATTERY)
     assert exchange(peer, 3)[:2] == (MODE, 3)
     push = robot_pb2.Battery(power=7)
-    simulator.push(push)
+    peer.simulator.push(push)
     data = peer.receive_raw()
     if name in ("garbage", "truncated"):
         with pytest.raises(ValueError):
@@ -134,31 +136,29 @@ def test_faults_damage_pushes(simulator: SimulatorThread, peer: Peer, name: str)
     assert exchange(peer, 4)[:2] == (MODE, 4)
 
 
-def test_faults_damage_answers_and_pushes(simulator: SimulatorThread, peer: Peer) -> None:
+def test_faults_damage_answers_and_pushes(peer: Peer) -> None:
     peer.subscribe(BATTERY)
     assert exchange(peer, 3)[:2] == (MODE, 3)
-    simulator.inject("garbage", frames="all", length=10, count=2)
-    simulator.push(robot_pb2.Battery(power=7))
+    peer.simulator.inject("garbage", frames="all", length=10, count=2)
+    peer.simulator.push(robot_pb2.Battery(power=7))
     assert len(peer.receive_raw()) == 10
     peer.ask(4)
     assert len(peer.receive_raw()) == 10
     assert exchange(peer, 5)[:2] == (MODE, 5)
 
 
-def test_frame_truncated_on_the_wire_ends_the_connection(
-    simulator: SimulatorThread, peer: Peer
-) -> None:
-    simulator.inject("truncated", where="wire", count=1)
+def test_frame_truncated_on_the_wire_ends_the_connection(peer: Peer) -> None:
+    peer.simulator.inject("truncated", where="wire", count=1)
     peer.ask(1)
     with pytest.raises((ConnectionClosed, ConnectionError)):
         peer.receive_raw()
-    with closing(type(peer)(simulator)) as again:
+    with closing(type(peer)(peer.simulator)) as again:
         assert exchange(again, 2)[:2] == (MODE, 2)
 
 
-def test_oversize_frame_is_valid(simulator: SimulatorThread, peer: Peer) -> None:
+def test_oversize_frame_is_valid(peer: Peer) -> None:
     usual = exchange(peer, 1)[2]
-    simulator.inject("oversize", mib=3, count=1)
+    peer.simulator.inject("oversize", mib=3, count=1)
     peer.ask(1)
     data = peer.receive_raw()
     assert 3 * MIB <= len(data) < 3 * MIB + 100
@@ -176,9 +176,9 @@ def test_oversize_exceeds_64_mib_by_default(simulator: SimulatorThread) -> None:
         assert len(peer.receive_raw()) > 64 * MIB
 
 
-def test_unknown_fields_keep_the_other_fields(simulator: SimulatorThread, peer: Peer) -> None:
+def test_unknown_fields_keep_the_other_fields(peer: Peer) -> None:
     usual = exchange(peer, 1, BATTERY)[2]
-    simulator.inject("unknown_fields")
+    peer.simulator.inject("unknown_fields")
     type_name, sn, body = exchange(peer, 2, BATTERY)
     assert (type_name, sn) == (BATTERY, 2)
     assert body != usual
@@ -190,9 +190,9 @@ def test_unknown_fields_keep_the_other_fields(simulator: SimulatorThread, peer: 
         assert body == usual
 
 
-def test_wrong_field_type_changes_one_field(simulator: SimulatorThread, peer: Peer) -> None:
+def test_wrong_field_type_changes_one_field(peer: Peer) -> None:
     usual = exchange(peer, 1, BATTERY)[2]
-    simulator.inject("wrong_field_type")
+    peer.simulator.inject("wrong_field_type")
     body = exchange(peer, 2, BATTERY)[2]
     if isinstance(body, dict):
         (wrong,) = [key for key in usual if type(body[key]) is not type(usual[key])]
@@ -207,10 +207,8 @@ def test_wrong_field_type_changes_one_field(simulator: SimulatorThread, peer: Pe
         assert body == usual
 
 
-def test_wrong_field_type_replaces_an_empty_body(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    simulator.inject("wrong_field_type", type="woosh.robot.SetOccupancy")
+def test_wrong_field_type_replaces_an_empty_body(client: JsonClient) -> None:
+    client.simulator.inject("wrong_field_type", type="woosh.robot.SetOccupancy")
     client.send({"type": "woosh.robot.SetOccupancy", "sn": 1})
     assert client.receive()["body"] == "neither"
 

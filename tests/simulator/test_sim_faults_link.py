@@ -29,43 +29,43 @@ def plain_socket(port: int) -> socket.socket:
 
 
 def test_drop_closes_all_connections_once(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient, connect_tcp: ConnectTcp
+    client: JsonClient, tcp: TcpClient, connect_tcp: ConnectTcp
 ) -> None:
     assert tcp.request(MODE).ok
-    wait_until(lambda: simulator.connections == 2)
-    assert not simulator.inject("drop").active
+    wait_until(lambda: client.simulator.connections == 2)
+    assert not client.simulator.inject("drop").active
     with pytest.raises(ConnectionClosed):
         client.receive()
     with pytest.raises(ConnectionError):
         tcp.receive()
     assert connect_tcp().request(MODE).ok
-    assert simulator.injected == Counter(drop=1)
-    assert simulator.faults == []
+    assert client.simulator.injected == Counter(drop=1)
+    assert client.simulator.faults == []
 
 
 def test_accept_then_drop_closes_new_connections_only(
-    simulator: SimulatorThread, client: JsonClient, connect: Connect, connect_tcp: ConnectTcp
+    client: JsonClient, connect: Connect, connect_tcp: ConnectTcp
 ) -> None:
     client.ask(MODE)
-    fault = simulator.inject("accept_then_drop", count=2)
+    fault = client.simulator.inject("accept_then_drop", count=2)
     new = connect()  # the handshake still succeeds
     with pytest.raises(ConnectionClosed):
         new.receive()
-    with plain_socket(simulator.tcp_port) as tcp:
+    with plain_socket(client.simulator.tcp_port) as tcp:
         assert tcp.recv(1) == b""
     wait_until(lambda: not fault.active)
     assert fault.hits == 2
     assert connect_tcp().request(MODE).ok
     client.ask(MODE)  # older connections stay open
-    assert simulator.counts[MODE] == 3
+    assert client.simulator.counts[MODE] == 3
 
 
 def test_off_refuses_connections_and_returns_to_the_same_ports(
-    simulator: SimulatorThread, tcp: TcpClient, connect: Connect, connect_tcp: ConnectTcp
+    tcp: TcpClient, connect: Connect, connect_tcp: ConnectTcp
 ) -> None:
-    ports = simulator.port, simulator.tcp_port
+    ports = tcp.simulator.port, tcp.simulator.tcp_port
     assert tcp.request(MODE).ok
-    fault = simulator.inject("off")
+    fault = tcp.simulator.inject("off")
     with pytest.raises(ConnectionError):
         tcp.receive()
     for port in ports:
@@ -74,19 +74,22 @@ def test_off_refuses_connections_and_returns_to_the_same_ports(
         with socket.socket() as other, pytest.raises(OSError, match="in use"):
             other.bind(("127.0.0.1", port))
     fault.clear()
-    assert (simulator.port, simulator.tcp_port) == ports
+    assert (tcp.simulator.port, tcp.simulator.tcp_port) == ports
     connect().ask(MODE)
     assert connect_tcp().request(MODE).ok
 
 
 def test_half_open_connections_get_no_data_until_cleared(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
+    client: JsonClient, tcp: TcpClient
 ) -> None:
     client.ask(MODE)
-    fault = simulator.inject("half_open")
+    fault = client.simulator.inject("half_open")
     client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 900})
     pong = client.complete(client.socket.ping())
-    with plain_socket(simulator.port) as websocket, plain_socket(simulator.tcp_port) as new:
+    with (
+        plain_socket(client.simulator.port) as websocket,
+        plain_socket(client.simulator.tcp_port) as new,
+    ):
         websocket.sendall(UPGRADE)
         request = packed(MODE, sn=5)
         new.sendall(bytes([len(request)]) + request)
@@ -96,82 +99,76 @@ def test_half_open_connections_get_no_data_until_cleared(
                 silent.recv(1)
         client.assert_silent(0.05)
         assert not pong.done()
-        assert simulator.counts[OCCUPY] == 0
-        assert not simulator.state.info.device_state.software & 8
+        assert client.simulator.counts[OCCUPY] == 0
+        assert not client.simulator.state.info.device_state.software & 8
         fault.clear()
         for silent, begin in ((websocket, b"HTTP/1.1 101"), (new, b"")):
             silent.settimeout(TIMEOUT)
             assert silent.recv(12).startswith(begin)
     assert client.receive()["sn"] == 900
     client.complete(pong)
-    assert simulator.counts[OCCUPY] == 1
+    assert client.simulator.counts[OCCUPY] == 1
 
 
-def test_overlapping_faults_last_until_the_last_is_cleared(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    faults = [simulator.inject("half_open") for _ in range(2)]
+def test_overlapping_faults_last_until_the_last_is_cleared(client: JsonClient) -> None:
+    faults = [client.simulator.inject("half_open") for _ in range(2)]
     client.send({"type": MODE, "sn": 7})
     faults[0].clear()
     client.assert_silent(0.1)
     faults[1].clear()
     assert client.receive()["sn"] == 7
-    assert simulator.injected["half_open"] == 2
+    assert client.simulator.injected["half_open"] == 2
 
 
-def test_freeze_stops_clock_and_answers_but_not_pongs(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient
-) -> None:
+def test_freeze_stops_clock_and_answers_but_not_pongs(client: JsonClient, tcp: TcpClient) -> None:
     client.ask(MODE)
-    fault = simulator.inject("freeze")
-    elapsed = simulator.state.elapsed
+    fault = client.simulator.inject("freeze")
+    elapsed = client.simulator.state.elapsed
     client.send({"type": OCCUPY, "body": {"occupy": True}, "sn": 901})
     client.send({"type": OCCUPY, "body": {"occupy": False}, "sn": 902})
     client.send({"type": "no such type", "sn": 903})
     tcp.send(packed(MODE, sn=904))
-    simulator.wait_received(OCCUPY, 2)
-    simulator.wait_received(MODE, 2)
+    client.simulator.wait_received(OCCUPY, 2)
+    client.simulator.wait_received(MODE, 2)
     client.assert_silent(0.2)
     client.complete(client.complete(client.socket.ping()))
-    assert simulator.state.elapsed == elapsed
-    assert not simulator.state.info.device_state.software & 8
+    assert client.simulator.state.elapsed == elapsed
+    assert not client.simulator.state.info.device_state.software & 8
     fault.clear()
     answers = [client.receive() for _ in range(3)]
     assert [answer["sn"] for answer in answers] == [901, 902, 903]
     assert [answer["ok"] for answer in answers] == [True, True, False]
     assert tcp.receive().sn == 904
-    assert simulator.counts[OCCUPY] == 2
-    wait_until(lambda: simulator.state.elapsed > elapsed)
+    assert client.simulator.counts[OCCUPY] == 2
+    wait_until(lambda: client.simulator.state.elapsed > elapsed)
 
 
-def test_frozen_chassis_sends_nothing(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_frozen_chassis_sends_nothing(client: JsonClient) -> None:
     """Neither pushes nor delayed answers to earlier requests leave it."""
     client.subscribe("woosh.robot.Battery")
-    delayed = simulator.inject("delay", seconds=0.1)
+    delayed = client.simulator.inject("delay", seconds=0.1)
     client.send({"type": MODE, "sn": 800})
     wait_until(lambda: delayed.hits)
-    frozen = simulator.inject("freeze")
-    simulator.push(robot_pb2.Battery(power=3))
+    frozen = client.simulator.inject("freeze")
+    client.simulator.push(robot_pb2.Battery(power=3))
     client.assert_silent(0.3)
     frozen.clear()
     assert {client.receive().get("sn") for _ in range(2)} == {800, None}
 
 
-def test_freeze_ends_after_its_duration(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_freeze_ends_after_its_duration(client: JsonClient) -> None:
     """Its duration elapses although the simulated time stands still."""
-    fault = simulator.inject("freeze", for_=10.0)
+    fault = client.simulator.inject("freeze", for_=10.0)
     client.send({"type": MODE, "sn": 3})
     assert client.receive()["sn"] == 3
     assert not fault.active
 
 
-def test_freeze_lasts_after_half_open_is_cleared(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    frozen, held = simulator.inject("freeze"), simulator.inject("half_open")
+def test_freeze_lasts_after_half_open_is_cleared(client: JsonClient) -> None:
+    frozen, held = client.simulator.inject("freeze"), client.simulator.inject("half_open")
     client.send({"type": MODE, "sn": 3})
     held.clear()
-    simulator.wait_received(MODE)
+    client.simulator.wait_received(MODE)
     client.assert_silent(0.1)
     frozen.clear()
     assert client.receive()["sn"] == 3

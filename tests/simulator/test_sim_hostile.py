@@ -31,13 +31,11 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("what", HOSTILE)
-def test_hostile_frame_closes_no_connection(
-    simulator: SimulatorThread, client: JsonClient, tcp: TcpClient, what: str
-) -> None:
+def test_hostile_frame_closes_no_connection(client: JsonClient, tcp: TcpClient, what: str) -> None:
     client.send(HOSTILE[what])
     client.ask(MODE)
     assert tcp.request(MODE).ok
-    assert simulator.connections == 2
+    assert client.simulator.connections == 2
 
 
 def test_refusal_of_a_very_long_type_is_short(client: JsonClient) -> None:
@@ -47,34 +45,28 @@ def test_refusal_of_a_very_long_type_is_short(client: JsonClient) -> None:
     assert len(answer["type"]) < 1000
 
 
-def test_deeply_nested_groups_close_no_connection(
-    simulator: SimulatorThread, tcp: TcpClient
-) -> None:
+def test_deeply_nested_groups_close_no_connection(tcp: TcpClient) -> None:
     tcp.send(b"\xfb\x06" * 100_000 + b"\xfc\x06" * 100_000)
     tcp.send(packed(MODE)[:-1])
     assert tcp.request(MODE).ok
-    assert simulator.connections == 1
+    assert tcp.simulator.connections == 1
 
 
-def test_client_with_too_many_unread_bytes_is_dropped(
-    simulator: SimulatorThread, tcp: TcpClient
-) -> None:
+def test_client_with_too_many_unread_bytes_is_dropped(tcp: TcpClient) -> None:
     """The limit counts bytes as well as frames, because a few frames can be large."""
     assert tcp.request(MODE).ok
     frame = b"x" * (20 * MIB)
     for _ in range(6):
-        simulator.send_raw(frame)
-    wait_until(lambda: not simulator.connections, "the end of the connection")
+        tcp.simulator.send_raw(frame)
+    wait_until(lambda: not tcp.simulator.connections, "the end of the connection")
 
 
-def test_record_of_received_messages_is_limited_in_bytes(
-    simulator: SimulatorThread, tcp: TcpClient
-) -> None:
+def test_record_of_received_messages_is_limited_in_bytes(tcp: TcpClient) -> None:
     speech = Speak(text="x" * (8 * MIB))
     for number in range(1, 11):
         assert tcp.request("woosh.robot.Speak", speech, number).sn == number
-    assert simulator.counts["woosh.robot.Speak"] == 10
-    assert len(simulator.received) == 7
+    assert tcp.simulator.counts["woosh.robot.Speak"] == 10
+    assert len(tcp.simulator.received) == 7
 
 
 async def _handshake_status(port: int, origin: str) -> str:

@@ -24,8 +24,9 @@ MIB = 1024 * 1024
 class HttpClient:
     """A connection that is kept between requests, as by a session of `requests`."""
 
-    def __init__(self, port: int) -> None:
-        self.connection = http.client.HTTPConnection("127.0.0.1", port, timeout=TIMEOUT)
+    def __init__(self, simulator: SimulatorThread) -> None:
+        self.simulator = simulator
+        self.connection = http.client.HTTPConnection("127.0.0.1", simulator.port, timeout=TIMEOUT)
 
     def send(self, name: str, body: Json | str | None = None, **headers: str) -> None:
         data = json.dumps(body) if isinstance(body, dict) else body
@@ -55,17 +56,8 @@ class HttpClient:
 
 @pytest.fixture
 def web(simulator: SimulatorThread) -> Iterator[HttpClient]:
-    with closing(HttpClient(simulator.port)) as client:
+    with closing(HttpClient(simulator)) as client:
         yield client
-
-
-def test_answers_of_a_query_and_a_command(web: HttpClient, client: JsonClient) -> None:
-    status, answer = web.post("woosh.robot.Battery", {"robotId": 30001})
-    assert status == 200
-    body = client.ask("woosh.robot.Battery")
-    assert answer == {"body": body, "msg": "", "ok": True, "type": "woosh.robot.Battery"}
-    status, answer = web.post("woosh.robot.SetOccupancy", {"occupy": True})
-    assert (status, answer["msg"]) == (200, "Request succeed")
 
 
 def test_each_request_is_answered_as_over_the_websocket(
@@ -107,13 +99,13 @@ def test_unknown_type_is_404_and_named(web: HttpClient) -> None:
     ],
 )
 def test_body_that_does_not_fit_is_400_with_the_field(
-    web: HttpClient, simulator: SimulatorThread, body: str, reason: str
+    web: HttpClient, body: str, reason: str
 ) -> None:
     status, answer = web.post("woosh.robot.Twist", body)
     assert (status, answer["ok"], answer["type"]) == (400, False, "woosh.robot.Twist")
     assert reason in answer["msg"]
-    assert simulator.counts["woosh.robot.Twist"] == 0
-    assert simulator.bad_frames == 1
+    assert web.simulator.counts["woosh.robot.Twist"] == 0
+    assert web.simulator.bad_frames == 1
     assert web.ask(MODE)["work"] == 2  # on the same connection
 
 
@@ -128,11 +120,11 @@ def test_client_that_waits_before_it_sends_the_body_is_told_to_go_on(
         assert client.recv(65536).startswith(b"HTTP/1.1 200 OK\r\n")
 
 
-def test_raw_push_does_not_end_a_call(web: HttpClient, simulator: SimulatorThread) -> None:
-    simulator.inject("delay", seconds=0.5, type=MODE)
+def test_raw_push_does_not_end_a_call(web: HttpClient) -> None:
+    web.simulator.inject("delay", seconds=0.5, type=MODE)
     web.send(MODE, {})
-    wait_until(lambda: simulator.counts[MODE] == 1)
-    simulator.send_raw('{"type": "woosh.robot.Mode", "body": {}}')
+    wait_until(lambda: web.simulator.counts[MODE] == 1)
+    web.simulator.send_raw('{"type": "woosh.robot.Mode", "body": {}}')
     status, answer = web.receive()
     assert (status, answer["ok"]) == (200, True)
 
@@ -158,23 +150,10 @@ def test_chunked_bodies_credentials_and_other_content_types_are_accepted(web: Ht
     assert web.ask("woosh.robot.DeviceState")["software"] & 8
 
 
-def test_velocities_drive_the_robot(simulator: SimulatorThread, web: HttpClient) -> None:
-    start = simulator.state.pose
-
-    def drives() -> bool:
-        web.ask("woosh.robot.Twist", {"linear": 0.3})
-        return simulator.state.pose.distance(start.point) > 0.5
-
-    wait_until(drives)
-    web.ask("woosh.robot.Twist", {"linear": 0})
-
-
 @pytest.mark.chassis(speed=1, max_frame=20 * MIB)
-def test_large_bodies_pass_and_too_large_ones_are_413(
-    simulator: SimulatorThread, web: HttpClient
-) -> None:
+def test_large_bodies_pass_and_too_large_ones_are_413(web: HttpClient) -> None:
     assert web.ask("woosh.robot.Speak", {"text": "x" * (15 * MIB)}) == {}
-    sent: Any = simulator.last("woosh.robot.Speak")
+    sent: Any = web.simulator.last("woosh.robot.Speak")
     assert len(sent.text) == 15 * MIB
     status, answer = web.post("woosh.robot.Speak", '{"text": "' + "x" * (20 * MIB) + '"}')
     assert (status, answer["ok"]) == (413, False)
@@ -198,7 +177,7 @@ def test_get_says_what_this_is(web: HttpClient) -> None:
     assert (status, answer["msg"]) == (405, "only POST and GET")
 
 
-def test_foreign_web_pages_are_refused(simulator: SimulatorThread, web: HttpClient) -> None:
+def test_foreign_web_pages_are_refused(web: HttpClient) -> None:
     """A browser sends such a request without asking the server first."""
     web.connection.request(
         "POST", "/woosh/robot/SetOccupancy", "{}", {"Origin": "https://somewhere.example"}
@@ -206,28 +185,24 @@ def test_foreign_web_pages_are_refused(simulator: SimulatorThread, web: HttpClie
     response = web.connection.getresponse()
     response.read()
     assert response.status == 403
-    assert simulator.counts[OCCUPY] == 0
+    assert web.simulator.counts[OCCUPY] == 0
     assert web.post(MODE, {}, Origin="http://localhost:3000")[0] == 200
 
 
 @pytest.mark.chassis(speed=1, max_connections=1)
-def test_calls_beyond_the_limit_of_clients_are_refused(
-    simulator: SimulatorThread, web: HttpClient
-) -> None:
+def test_calls_beyond_the_limit_of_clients_are_refused(web: HttpClient) -> None:
     assert web.ask(MODE)["work"] == 2  # the client counts only during the call
-    with closing(JsonClient(simulator.port)) as first:
+    with closing(JsonClient(web.simulator.port)) as first:
         first.ask(MODE)
         status, answer = web.post(MODE)
         assert (status, answer["msg"]) == (503, "there are already 1 clients")
-    wait_until(lambda: simulator.connections == 0)
+    wait_until(lambda: web.simulator.connections == 0)
     assert web.ask(MODE)["work"] == 2
 
 
 @pytest.mark.chassis(speed=1, max_connections=1)
-def test_calls_whose_body_is_arriving_count_towards_the_limit(
-    simulator: SimulatorThread, web: HttpClient
-) -> None:
-    with socket.create_connection(("127.0.0.1", simulator.port), TIMEOUT) as slow:
+def test_calls_whose_body_is_arriving_count_towards_the_limit(web: HttpClient) -> None:
+    with socket.create_connection(("127.0.0.1", web.simulator.port), TIMEOUT) as slow:
         slow.sendall(
             b"POST /woosh/robot/Mode HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n"
             b"Expect: 100-continue\r\n\r\n"
@@ -239,88 +214,62 @@ def test_calls_whose_body_is_arriving_count_towards_the_limit(
     assert web.ask(MODE)["work"] == 2
 
 
-def test_client_that_leaves_before_its_answer_is_forgotten(
-    simulator: SimulatorThread, web: HttpClient
-) -> None:
-    simulator.mute(MODE)
+def test_client_that_leaves_before_its_answer_is_forgotten(web: HttpClient) -> None:
+    web.simulator.mute(MODE)
     web.send(MODE)
-    simulator.wait_received(MODE)
-    assert simulator.connections == 1
+    web.simulator.wait_received(MODE)
+    assert web.simulator.connections == 1
     web.close()
-    wait_until(lambda: simulator.connections == 0)
+    wait_until(lambda: web.simulator.connections == 0)
 
 
-def test_refuse_affects_calls(simulator: SimulatorThread, web: HttpClient) -> None:
-    simulator.refuse(OCCUPY, "not now")
-    assert web.post(OCCUPY, {"occupy": True}) == (
-        200,
-        {"type": OCCUPY, "body": {}, "ok": False, "msg": "not now"},
-    )
-
-
-def test_delay_affects_calls(
-    simulator: SimulatorThread, web: HttpClient, client: JsonClient
-) -> None:
-    delayed = simulator.inject("delay", seconds=1000.0, type=MODE)
+def test_delay_affects_calls(client: JsonClient, web: HttpClient) -> None:
+    delayed = client.simulator.inject("delay", seconds=1000.0, type=MODE)
     web.send(MODE)
     wait_until(lambda: delayed.hits)
     client.ask("woosh.robot.Battery")
-    assert simulator.connections == 2
-    simulator.clear_faults()
+    assert client.simulator.connections == 2
+    client.simulator.clear_faults()
     assert web.receive()[1]["ok"]
 
 
 @pytest.mark.parametrize("idle", [True, False])
-def test_drop_ends_the_connections_of_calls(
-    simulator: SimulatorThread, web: HttpClient, idle: bool
-) -> None:
+def test_drop_ends_the_connections_of_calls(web: HttpClient, idle: bool) -> None:
     web.ask(MODE)
     plain = web.connection.sock
     if not idle:
-        simulator.mute(MODE)
+        web.simulator.mute(MODE)
         web.send(MODE)
-        simulator.wait_received(MODE, 2)
-    simulator.inject("drop")
+        web.simulator.wait_received(MODE, 2)
+    web.simulator.inject("drop")
     try:
         assert plain.recv(1) == b""
     except ConnectionResetError:
         pass
-    simulator.clear_faults()
-    web.close()
-    assert web.ask(MODE)["work"] == 2
-
-
-def test_accept_then_drop_affects_calls(simulator: SimulatorThread, web: HttpClient) -> None:
-    simulator.inject("accept_then_drop", count=1)
-    with pytest.raises((ConnectionError, http.client.RemoteDisconnected)):
-        web.ask(MODE)
+    web.simulator.clear_faults()
     web.close()
     assert web.ask(MODE)["work"] == 2
 
 
 @pytest.mark.parametrize("name", ["half_open", "freeze"])
-def test_calls_wait_for_the_end_of_a_silence(
-    simulator: SimulatorThread, web: HttpClient, name: str
-) -> None:
+def test_calls_wait_for_the_end_of_a_silence(web: HttpClient, name: str) -> None:
     web.ask(MODE)
-    fault = simulator.inject(name)
+    fault = web.simulator.inject(name)
     web.send(OCCUPY, {"occupy": True})
     plain = web.connection.sock
     plain.settimeout(0.3)  # no event could tell that nothing will come
     with pytest.raises(TimeoutError):
         plain.recv(1)
-    assert not simulator.state.info.device_state.software & 8
+    assert not web.simulator.state.info.device_state.software & 8
     plain.settimeout(TIMEOUT)
     fault.clear()
     assert web.receive()[1]["ok"]
-    assert simulator.state.info.device_state.software & 8
+    assert web.simulator.state.info.device_state.software & 8
 
 
 @pytest.mark.parametrize("name", ["garbage", "truncated", "invalid_utf8"])
-def test_damaged_answers_are_no_json(
-    simulator: SimulatorThread, web: HttpClient, name: str
-) -> None:
-    simulator.inject(name, count=1)
+def test_damaged_answers_are_no_json(web: HttpClient, name: str) -> None:
+    web.simulator.inject(name, count=1)
     web.send(MODE)
     response = web.connection.getresponse()
     data = response.read()
@@ -330,17 +279,21 @@ def test_damaged_answers_are_no_json(
     assert web.ask(MODE)["work"] == 2
 
 
-def test_answer_that_is_cut_on_the_wire(simulator: SimulatorThread, web: HttpClient) -> None:
-    simulator.inject("truncated", where="wire", count=1)
-    web.send(MODE)
+@pytest.mark.parametrize(
+    ("name", "options"), [("truncated", {"where": "wire"}), ("accept_then_drop", {})]
+)
+def test_connection_that_is_cut_ends_one_call(
+    web: HttpClient, name: str, options: dict[str, str]
+) -> None:
+    web.simulator.inject(name, count=1, **options)
     with pytest.raises((http.client.IncompleteRead, ConnectionError)):
-        web.connection.getresponse().read()
+        web.ask(MODE)
     web.close()
     assert web.ask(MODE)["work"] == 2
 
 
-def test_oversize_answer_is_valid(simulator: SimulatorThread, web: HttpClient) -> None:
-    simulator.inject("oversize", mib=5, count=1)
+def test_oversize_answer_is_valid(web: HttpClient) -> None:
+    web.simulator.inject("oversize", mib=5, count=1)
     web.send(MODE)
     response = web.connection.getresponse()
     data = response.read()
@@ -357,12 +310,13 @@ def test_oversize_answer_is_valid(simulator: SimulatorThread, web: HttpClient) -
         ("wrong_type", lambda answer: answer["type"] == "woosh.robot.Network"),
         ("wrong_sn", lambda answer: "sn" not in answer),
         ("reorder", lambda answer: answer["ok"]),
+        ("refuse", lambda answer: not answer["ok"] and answer["msg"].startswith("refused by")),
     ],
 )
 def test_other_faults_of_answers_affect_calls(
-    simulator: SimulatorThread, web: HttpClient, name: str, check: Callable[[Json], bool]
+    web: HttpClient, name: str, check: Callable[[Json], bool]
 ) -> None:
-    fault = simulator.inject(name)
+    fault = web.simulator.inject(name)
     status, answer = web.post(MODE)
     assert status == 200
     assert check(answer)
@@ -371,11 +325,9 @@ def test_other_faults_of_answers_affect_calls(
     assert web.ask(MODE)["work"] == 2
 
 
-def test_requests_that_are_no_http_are_ended_and_disturb_nobody(
-    simulator: SimulatorThread, web: HttpClient
-) -> None:
+def test_requests_that_are_no_http_are_ended_and_disturb_nobody(web: HttpClient) -> None:
     for junk in (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + bytes(500), b"hello\r\n\r\n"):
-        with socket.create_connection(("127.0.0.1", simulator.port), TIMEOUT) as other:
+        with socket.create_connection(("127.0.0.1", web.simulator.port), TIMEOUT) as other:
             other.sendall(junk)
             while other.recv(1000):
                 pass

@@ -7,7 +7,6 @@ import math
 import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorThread
 
 PROC, OPERATION = "woosh.robot.TaskProc", "woosh.robot.OperationState"
 ABNORMAL, CODE = "woosh.robot.count.AbnormalCodes", "woosh.robot.count.StatusCode"
@@ -25,30 +24,30 @@ pytestmark = pytest.mark.chassis(speed=1)
 
 
 @pytest.fixture(autouse=True)
-def _obstacle_ahead(simulator: SimulatorThread, client: JsonClient) -> None:
+def _obstacle_ahead(client: JsonClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 0.0, "y": 0.0}})
-    put(simulator, 6.0)
+    put(client, 6.0)
     client.subscribe(PROC, OPERATION, ABNORMAL, CODE, FEEDBACKS)
 
 
-def put(simulator: SimulatorThread, x: float, radius: float = 0.3, y: float = 0.0) -> None:
-    simulator.call(lambda s: s.chassis.obstacles.put("box", x, y, radius))
+def put(client: JsonClient, x: float, radius: float = 0.3, y: float = 0.0) -> None:
+    client.simulator.call(lambda s: s.chassis.obstacles.put("box", x, y, radius))
 
 
-def remove(simulator: SimulatorThread) -> None:
-    simulator.call(lambda s: s.chassis.obstacles.remove("box"))
+def remove(client: JsonClient) -> None:
+    client.simulator.call(lambda s: s.chassis.obstacles.remove("box"))
 
 
-def speed_up(simulator: SimulatorThread) -> None:
-    simulator.call(lambda s: setattr(s, "speed", 50.0))
+def speed_up(client: JsonClient) -> None:
+    client.simulator.call(lambda s: setattr(s, "speed", 50.0))
 
 
-def start_task(simulator: SimulatorThread, client: JsonClient, mode: int, timeout: int = 0) -> None:
+def start_task(client: JsonClient, mode: int, timeout: int = 0) -> None:
     """Start a task with a goal beyond the obstacle, in the given navigation mode."""
     client.ask("woosh.robot.ExecTask", GOAL)
     setting = {"type": 2, "mode": mode, "waitTimeout": timeout}
     client.ask("woosh.robot.ChangeNavMode", {"navMode": setting})
-    speed_up(simulator)
+    speed_up(client)
 
 
 def warns(proc: Json) -> bool:
@@ -70,10 +69,10 @@ def end_of_task(client: JsonClient) -> Json:
     return client.next_push(PROC, lambda body: body["state"] in (COMPLETED, FAILED))
 
 
-def test_task_avoids_an_obstacle(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_task_avoids_an_obstacle(client: JsonClient) -> None:
     client.subscribe("woosh.robot.PoseSpeed", "woosh.robot.NavPath")
     client.ask("woosh.robot.ExecTask", GOAL)  # avoidance is the default mode
-    speed_up(simulator)
+    speed_up(client)
     nearest, corners, warnings, states, codes = math.inf, 0, 0, [], []
     while True:
         frame = client.receive()
@@ -99,23 +98,21 @@ def test_task_avoids_an_obstacle(simulator: SimulatorThread, client: JsonClient)
     assert codes.count(AVOIDED) == 1
     assert client.ask(OPERATION)["nav"] == 0
     assert client.ask(ABNORMAL)["scs"] == []
-    assert simulator.state.pose.distance((9.0, 0.0)) < 0.01
+    assert client.simulator.state.pose.distance((9.0, 0.0)) < 0.01
 
 
 @pytest.mark.parametrize("mode", [WAIT, NARROW])
-def test_task_waits_until_the_obstacle_is_removed(
-    simulator: SimulatorThread, client: JsonClient, mode: int
-) -> None:
-    start_task(simulator, client, mode)
+def test_task_waits_until_the_obstacle_is_removed(client: JsonClient, mode: int) -> None:
+    start_task(client, mode)
     next_impeded_report(client)
-    pass_time(simulator, 5.0)
-    where = simulator.state.pose
+    pass_time(client.simulator, 5.0)
+    where = client.simulator.state.pose
     assert 0.5 < 6.0 - where.x - 0.3 < 1.0
-    pass_time(simulator, 120.0)
-    assert simulator.state.pose == where
+    pass_time(client.simulator, 120.0)
+    assert client.simulator.state.pose == where
     assert client.ask(OPERATION)["nav"] == IMPEDE
     assert client.take_pushes(PROC) == []
-    remove(simulator)
+    remove(client)
     going = client.next_push(PROC)
     assert (going["state"], going["action"]["state"]) == (EXECUTING, ACTION_EXECUTING)
     assert client.next_push(OPERATION)["nav"] == 0
@@ -123,18 +120,16 @@ def test_task_waits_until_the_obstacle_is_removed(
     assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_task_replans_after_the_wait_timeout(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    start_task(simulator, client, TIMEOUT, timeout=20)
+def test_task_replans_after_the_wait_timeout(client: JsonClient) -> None:
+    start_task(client, TIMEOUT, timeout=20)
     since = next_impeded_report(client)["time"]
     avoided = client.next_push(CODE, lambda body: body["code"] == AVOIDED)
     assert 19.0 <= int(avoided["time"]) / 1000 - since <= 22.0
     assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_task_fails_after_the_wait_timeout(simulator: SimulatorThread, client: JsonClient) -> None:
-    start_task(simulator, client, OVERTIME, timeout=10)
+def test_task_fails_after_the_wait_timeout(client: JsonClient) -> None:
+    start_task(client, OVERTIME, timeout=10)
     since = next_impeded_report(client)["time"]
     failed = end_of_task(client)
     assert failed["state"] == FAILED
@@ -142,33 +137,29 @@ def test_task_fails_after_the_wait_timeout(simulator: SimulatorThread, client: J
     assert 9 <= failed["time"] - since <= 12
     assert client.ask(OPERATION)["nav"] == 0
     # Once the way is free, the task can be recovered where it failed.
-    remove(simulator)
+    remove(client)
     client.ask("woosh.robot.ActionOrder", {"order": 5})
     assert client.next_push(PROC)["state"] == EXECUTING
     assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_task_waits_then_fails_if_there_is_no_way_round(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    put(simulator, 9.0, 0.6)  # on the goal itself
-    start_task(simulator, client, AVOID)
+def test_task_waits_then_fails_if_there_is_no_way_round(client: JsonClient) -> None:
+    put(client, 9.0, 0.6)  # on the goal itself
+    start_task(client, AVOID)
     next_impeded_report(client)
     failed = end_of_task(client)
     assert failed["state"] == FAILED
     assert "an obstacle stands in the way" in failed["msg"]
 
 
-def test_task_set_continues_after_its_failed_task_recovers(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    put(simulator, -2.0, 0.6, y=6.0)  # on A1
+def test_task_set_continues_after_its_failed_task_recovers(client: JsonClient) -> None:
+    put(client, -2.0, 0.6, y=6.0)  # on A1
     client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
-    speed_up(simulator)
+    speed_up(client)
     assert end_of_task(client)["state"] == FAILED
-    pass_time(simulator, 20.0)
+    pass_time(client.simulator, 20.0)
     assert client.take_pushes(PROC) == []
-    remove(simulator)
+    remove(client)
     client.ask("woosh.robot.ActionOrder", {"order": 5})
     ends = [end_of_task(client) for _ in range(2)]
     assert [(each["robotTaskId"], each["state"]) for each in ends] == [
@@ -177,37 +168,33 @@ def test_task_set_continues_after_its_failed_task_recovers(
     ]
 
 
-def test_task_continues_when_the_obstacle_moves_away(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    put(simulator, 9.0, 0.6)
-    start_task(simulator, client, AVOID)
+def test_task_continues_when_the_obstacle_moves_away(client: JsonClient) -> None:
+    put(client, 9.0, 0.6)
+    start_task(client, AVOID)
     next_impeded_report(client)
-    put(simulator, 6.0, 0.6, y=5.0)
+    put(client, 6.0, 0.6, y=5.0)
     assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_waiting_task_avoids_the_obstacle_after_a_mode_change(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    start_task(simulator, client, WAIT)
+def test_waiting_task_avoids_the_obstacle_after_a_mode_change(client: JsonClient) -> None:
+    start_task(client, WAIT)
     next_impeded_report(client)
     client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": 2, "mode": AVOID}})
     assert client.next_push(CODE, lambda body: body["code"] == AVOIDED)
     assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_task_never_leaves_a_strict_path(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_task_never_leaves_a_strict_path(client: JsonClient) -> None:
     segment = {"path": {"poses": [{"x": 9.0, "y": 0.0}]}, "optimal": 9}
     client.ask("woosh.robot.ExecTask", {"type": 1, "planPath": {"planPath": [segment]}})
-    speed_up(simulator)
+    speed_up(client)
     next_impeded_report(client)
     assert end_of_task(client)["state"] == FAILED
-    assert abs(simulator.state.pose.y) < 0.01
+    assert abs(client.simulator.state.pose.y) < 0.01
 
 
-def test_paused_task_is_not_impeded(simulator: SimulatorThread, client: JsonClient) -> None:
-    start_task(simulator, client, WAIT)
+def test_paused_task_is_not_impeded(client: JsonClient) -> None:
+    start_task(client, WAIT)
     next_impeded_report(client)
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     assert client.next_push(OPERATION)["nav"] == 0
@@ -218,16 +205,14 @@ def test_paused_task_is_not_impeded(simulator: SimulatorThread, client: JsonClie
     assert client.next_push(OPERATION)["nav"] == 0
 
 
-def test_move_base_reports_an_obstacle_in_the_way(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_move_base_reports_an_obstacle_in_the_way(client: JsonClient) -> None:
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 9.0}}})
     client.ask(CALL, {"navMode": {"mode": 2}})
-    speed_up(simulator)
+    speed_up(client)
     (report,) = client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 10)["fbs"]
     assert "an obstacle stands in the way" in report["msg"]
     assert client.next_push(OPERATION)["nav"] == IMPEDE
-    remove(simulator)
+    remove(client)
     assert client.next_push(OPERATION)["nav"] == 0
     assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
 
@@ -242,37 +227,33 @@ def test_move_base_reports_an_obstacle_in_the_way(
     ],
 )
 def test_step_stops_before_an_obstacle(
-    simulator: SimulatorThread, client: JsonClient, step: Json, place: tuple[float, float]
+    client: JsonClient, step: Json, place: tuple[float, float]
 ) -> None:
     x, y = place
-    put(simulator, x, y=y)
+    put(client, x, y=y)
     client.ask(CALL, {"stepControl": {"action": 1, "steps": [step]}})
-    speed_up(simulator)
+    speed_up(client)
     assert client.next_push(OPERATION)["nav"] == IMPEDE
     assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == -1)
     assert client.next_push(OPERATION)["nav"] == 0
     # It stopped before contact.
-    assert 0.5 < simulator.state.pose.distance(place) - 0.3 < 1.1
-    remove(simulator)
+    assert 0.5 < client.simulator.state.pose.distance(place) - 0.3 < 1.1
+    remove(client)
     client.ask(CALL, {"stepControl": {"action": 1, "steps": [step]}})
     assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
 
 
-def test_step_without_avoidance_drives_until_contact(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    put(simulator, 2.0)
+def test_step_without_avoidance_drives_until_contact(client: JsonClient) -> None:
+    put(client, 2.0)
     step = {"mode": 1, "value": 3.0}
     client.ask(CALL, {"stepControl": {"action": 1, "steps": [step], "avoid": 1}})
-    speed_up(simulator)
+    speed_up(client)
     assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == -1)
-    assert 0.39 < 2.0 - 0.3 - simulator.state.pose.x < 0.45  # its front is 0.4 m ahead
+    assert 0.39 < 2.0 - 0.3 - client.simulator.state.pose.x < 0.45  # its front is 0.4 m ahead
 
 
-def test_task_can_leave_an_obstacle_placed_on_the_robot(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    put(simulator, -0.5)
+def test_task_can_leave_an_obstacle_placed_on_the_robot(client: JsonClient) -> None:
+    put(client, -0.5)
     client.ask("woosh.robot.ExecTask", GOAL)
-    speed_up(simulator)
+    speed_up(client)
     assert end_of_task(client)["state"] == COMPLETED

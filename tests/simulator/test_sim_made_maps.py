@@ -126,15 +126,6 @@ def test_map_shows_the_whole_hall() -> None:
     assert sum(floor) >= 0.98 * len(floor)
 
 
-def test_robot_navigates_in_its_map() -> None:
-    chassis = in_toured_hall()
-    for x, y in ((-8.0, -6.0), (3.0, 6.0)):
-        body = {"taskId": "1719960031290", "type": 2, "pose": {"x": x, "y": y}}
-        task = watch(chassis, lambda body=body: chassis.request("woosh.robot.ExecTask", **body))
-        assert task.triples[-1][0] == "kCompleted"
-        assert chassis.chassis.base.pose.distance((x, y)) < 0.02
-
-
 def test_path_avoids_what_the_robot_has_not_seen() -> None:
     """The map shows the room in which the robot was; the goal is in another one."""
     chassis = SteppedChassis(profile="instant")

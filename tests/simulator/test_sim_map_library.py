@@ -23,7 +23,6 @@ from tests.simulator.test_sim_uploads import (
     library,
 )
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.refusals import REFUSALS
 from woosh_robot_agent.simulator.scenes.scene import with_map
 from woosh_robot_agent.simulator.world.grid import Grid
@@ -36,7 +35,7 @@ Files = dict[str, bytes]
 @pytest.fixture
 def second() -> Iterator[JsonClient]:
     """A client of another robot."""
-    with connected(speed=50, seed=2) as (_, client):
+    with connected(speed=50, seed=2) as client:
         yield client
 
 
@@ -129,7 +128,7 @@ def test_marks_of_all_kinds_come_with_their_file(client: JsonClient, second: Jso
 
 
 def test_a_map_of_cells_only_is_downloaded_for_map_server(
-    simulator: SimulatorThread, client: JsonClient, second: JsonClient
+    client: JsonClient, second: JsonClient
 ) -> None:
     """A map that the robot has made itself comes from no files."""
     cells = np.zeros((40, 60), np.int8)
@@ -140,7 +139,7 @@ def test_a_map_of_cells_only_is_downloaded_for_map_server(
         area = Map(0, "made", "1F", 1, grid.low, grid.high, walls=(), grid=grid)
         chassis.replace_scene(chassis.scene, with_map(chassis.scene, area))
 
-    simulator.call(add)
+    client.simulator.call(add)
     assert scenes(client)["wooshmap"] == ["wooshmap", "made"]
     files = download(client)
     assert {"made/map.yaml", "made/map.png", "made/mark_info.data"} <= set(files)
@@ -319,22 +318,20 @@ REFUSED: list[tuple[str, Json, str]] = [
 
 @pytest.mark.parametrize(("name", "body", "reason"), REFUSED)
 def test_bad_requests_are_refused_and_change_nothing(
-    simulator: SimulatorThread, client: JsonClient, name: str, body: Json, reason: str
+    client: JsonClient, name: str, body: Json, reason: str
 ) -> None:
     client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png()))
-    before = library(simulator)
+    before = library(client.simulator)
     assert reason in client.refusal(f"woosh.map.{name}", body)
-    assert library(simulator) == before
+    assert library(client.simulator) == before
 
 
-def test_the_current_scene_is_not_replaced_during_a_task(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    before = library(simulator)
+def test_the_current_scene_is_not_replaced_during_a_task(client: JsonClient) -> None:
+    before = library(client.simulator)
     client.ask("woosh.robot.ExecTask", {"taskId": "5", "type": 1, "markNo": "A2"})
     text = client.refusal("woosh.map.Upload", upload("wooshmap", notes_txt=b"hi"))
     assert text == str(REFUSALS["MAP_CHANGE_DURING_TASK"].explanation)
-    assert library(simulator) == before
+    assert library(client.simulator) == before
     client.ask("woosh.map.Upload", upload("scenex", notes_txt=b"hi"))
 
 

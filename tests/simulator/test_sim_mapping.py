@@ -298,11 +298,7 @@ REFUSED: list[tuple[Callable[[JsonClient], object], str, Json, str]] = [
 
 @pytest.mark.parametrize(("prepare", "name", "body", "reason"), REFUSED)
 def test_bad_requests_are_refused_and_nothing_is_lost(
-    client: JsonClient,
-    prepare: Callable[[JsonClient], object],
-    name: str,
-    body: Json,
-    reason: str,
+    client: JsonClient, prepare: Callable[[JsonClient], object], name: str, body: Json, reason: str
 ) -> None:
     prepare(client)
     state, known = client.ask(STATE), client.ask(SCENE_LIST)
@@ -333,9 +329,7 @@ def test_refusals_have_the_codes_of_the_real_robot(
     assert pushed_code.body["code"] == str(code)
 
 
-def test_map_with_a_name_that_was_taken_meanwhile_can_still_be_saved(
-    quick: SteppedChassis,
-) -> None:
+def test_map_with_a_name_that_was_taken_meanwhile_can_still_be_saved(quick: SteppedChassis) -> None:
     start_mapping(quick)
     scenes = quick.chassis.scenes
     scenes["new"] = Scene("new", [Map(5, "hall", "", 1, (0.0, 0.0), (0.0, 0.0), ())])
@@ -372,14 +366,12 @@ def test_lost_link_does_not_lose_the_map(simulator: SimulatorThread, connect: Co
 
 
 @pytest.mark.chassis(speed=20, profile="tr200")
-def test_save_whose_client_has_gone_is_completed(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_save_whose_client_has_gone_is_completed(client: JsonClient) -> None:
     client.subscribe(STATE)
-    with closing(JsonClient(simulator.port)) as other:
+    with closing(JsonClient(client.simulator.port)) as other:
         mapping(other)
         other.send({"type": BUILD_MAP, "body": {"type": SAVE}, "sn": 99})
-        simulator.wait_received(BUILD_MAP, 2)
+        client.simulator.wait_received(BUILD_MAP, 2)
     client.next_push(STATE, lambda body: body["state"] == UNINIT)
     assert client.ask(SCENE)["mapName"] == "hall"
 
@@ -443,12 +435,10 @@ def test_scans_are_pushed_at_their_rate(real: SteppedChassis) -> None:
     assert body in [frame.body for frame in pushed(real, SCANNER_DATA)[-2:]]
 
 
-def test_scans_and_pictures_can_be_pushed_in_bursts(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_scans_and_pictures_can_be_pushed_in_bursts(client: JsonClient) -> None:
     mapping(client)
     client.subscribe(BUILD_MAP_DATA)
-    simulator.inject("burst", type=BUILD_MAP_DATA, count=50)
+    client.simulator.inject("burst", type=BUILD_MAP_DATA, count=50)
     widths = [client.next_push(BUILD_MAP_DATA)["width"] for _ in range(50)]
     assert min(widths) > 100
 

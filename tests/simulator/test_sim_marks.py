@@ -12,7 +12,6 @@ from google.protobuf.json_format import ParseDict
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Create
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 
@@ -76,15 +75,17 @@ def test_marks_get_free_ids(client: JsonClient) -> None:
     assert not taken & set(ids)
 
 
-def test_tasks_use_created_moved_and_deleted_marks_at_once(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_tasks_use_created_moved_and_deleted_marks_at_once(client: JsonClient) -> None:
     client.ask(f"{PREFIX}.Create", storage(x=5.0, y=-6.5))
     run_task(client, "N1")
-    assert (simulator.state.pose.x, simulator.state.pose.y) == pytest.approx((5.0, -6.5), abs=0.05)
+    assert (client.simulator.state.pose.x, client.simulator.state.pose.y) == pytest.approx(
+        (5.0, -6.5), abs=0.05
+    )
     assert client.ask(f"{PREFIX}.Update", storage(x=4.0, y=-7.5)) == {}
     run_task(client, "N1")
-    assert (simulator.state.pose.x, simulator.state.pose.y) == pytest.approx((4.0, -7.5), abs=0.05)
+    assert (client.simulator.state.pose.x, client.simulator.state.pose.y) == pytest.approx(
+        (4.0, -7.5), abs=0.05
+    )
     assert client.ask(f"{PREFIX}.Delete", {"no": "N1"}) == {}
     text = client.refusal("woosh.robot.ExecTask", {"taskId": "9", "type": 1, "markNo": "N1"})
     assert "unknown mark N1" in text
@@ -130,11 +131,9 @@ def test_changed_marks_survive_another_map_and_an_upload(client: JsonClient) -> 
     assert "unknown mark A1" in client.refusal(f"{PREFIX}.Find", {"no": "A1"})
 
 
-def test_change_of_a_mark_does_not_touch_the_localisation(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    pose = simulator.state.pose
-    simulator.inject("obstacle", x=pose.x, y=pose.y)
+def test_change_of_a_mark_does_not_touch_the_localisation(client: JsonClient) -> None:
+    pose = client.simulator.state.pose
+    client.simulator.inject("obstacle", x=pose.x, y=pose.y)
     client.ask(f"{PREFIX}.Create", storage())
     client.ask("woosh.map.Rename", {"newSceneName": "home"})
     assert client.ask("woosh.robot.DeviceState")["software"] & 1

@@ -9,7 +9,6 @@ import pytest
 
 from tests.quick_chassis import execute
 from tests.simulator.sim_wire import Json, JsonClient
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.chassis import Chassis
 
 PLAN = "woosh.robot.PlanNavPath"
@@ -30,10 +29,8 @@ def length(path: list[Json]) -> float:
     )
 
 
-def test_path_leads_around_the_walls_and_nothing_moves(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    before = simulator.state
+def test_path_leads_around_the_walls_and_nothing_moves(client: JsonClient) -> None:
+    before = client.simulator.state
     answer = client.request(PLAN, {"start": {"x": 4.0, "y": -6.0, "theta": 1.0}, "end": WEST})
     assert (answer["type"], answer["ok"]) == (NAV_PATH, True)
     path = poses(answer["body"])
@@ -41,7 +38,7 @@ def test_path_leads_around_the_walls_and_nothing_moves(
     assert path[-1] == pytest.approx(WEST)
     assert length(path) > math.dist((4.0, -6.0), (-9.5, -7.5)) + 1.0
     assert any(pose["y"] > -2.5 for pose in path)  # the end of the partition
-    now = simulator.state
+    now = client.simulator.state
     assert (now.pose, now.odometer) == (before.pose, before.odometer)
     assert now.info.state == before.info.state
     assert poses(client.ask(NAV_PATH)) == []
@@ -94,10 +91,8 @@ def test_start_must_be_given_while_the_robot_does_not_know_its_pose(chassis: Cha
     assert execute(chassis, PLAN, end=WEST).msg.startswith("robot is not initialised")
 
 
-def test_answer_can_have_the_type_of_the_request(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    simulator.answer_as(PLAN, PLAN)
+def test_answer_can_have_the_type_of_the_request(client: JsonClient) -> None:
+    client.simulator.answer_as(PLAN, PLAN)
     answer = client.request(PLAN, {"end": WEST})
     assert (answer["type"], answer["ok"]) == (PLAN, True)
     assert poses(answer["body"])

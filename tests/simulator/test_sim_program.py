@@ -11,17 +11,13 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient, subscription
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
+from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.scenes import files as scenes
-from woosh_robot_agent.testing import running_chassis
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.simulator"]
 PATIENT_PROGRAM = [
@@ -199,28 +195,6 @@ def test_program_starts_in_a_custom_scene(hall: Path) -> None:
         names = [each["name"] for each in client.ask("woosh.map.SceneList")["scenes"]]
     assert (scene["sceneName"], scene["mapName"]) == ("hall", "ground")
     assert names == ["wooshmap", "scenex", "hall"]
-
-
-def test_equal_seeds_push_the_same_poses_on_a_picture(hall: Path) -> None:
-    assert _pushed_poses(hall) == _pushed_poses(hall)
-
-
-def _pushed_poses(hall: Path) -> list[Any]:
-    """Return the PoseSpeed frames pushed during a task."""
-    with (
-        running_chassis(speed=100, seed=4, scenes=(hall,)) as simulator,
-        closing(TcpClient(simulator.tcp_port)) as client,
-    ):
-        client.send(subscription("woosh.robot.PoseSpeed", "woosh.robot.TaskProc"))
-        task = ExecTask(task_id=9, mark_no="K10", type=util_task_pb2.kPick)
-        assert client.request("woosh.robot.ExecTask", task).ok
-        frames: list[Any] = []
-        while True:
-            pack = client.receive()
-            if pack.type.endswith("PoseSpeed"):
-                frames.append(pack.SerializeToString())
-            elif b"arrived" in pack.body.value:
-                return frames
 
 
 def test_frame_size_and_connections_are_limited() -> None:

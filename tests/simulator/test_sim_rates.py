@@ -147,12 +147,12 @@ def test_battery_is_pushed_when_it_changes(real: SteppedChassis) -> None:
 
 def test_pose_arrives_at_its_rate_over_a_socket() -> None:
     """The stamps of the frames have times between the steps of the motion."""
-    with connected(speed=2, profile="tr200") as (simulator, client):
+    with connected(speed=2, profile="tr200") as client:
         client.subscribe(POSE)
         client.send(
             {"type": "woosh.robot.ExecTask", "sn": 99, "body": {"type": 1, "markNo": "K10"}}
         )
-        pass_time(simulator, 6.0)
+        pass_time(client.simulator, 6.0)
         client.ask("woosh.robot.Mode")
     stamps = [frame["timestamp"] for frame in client.pushes if frame["type"] == POSE]
     periods = sorted(after - before for before, after in pairwise(stamps))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
-from woosh_robot_agent.simulator import SimulatorThread, refusals
+from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.refusals import REFUSALS
 from woosh_robot_agent.testing import wait_until
 
@@ -27,19 +27,19 @@ NO_TWIST = "State not allow to twist"
 
 pytestmark = pytest.mark.chassis(speed=1, profile="tr200")
 
-Prepare = Callable[[SimulatorThread, JsonClient], object]
+Prepare = Callable[[JsonClient], object]
 
 
-def emergency_stop(simulator: SimulatorThread, client: JsonClient) -> None:
-    simulator.inject("emergency_stop")
+def emergency_stop(client: JsonClient) -> None:
+    client.simulator.inject("emergency_stop")
 
 
-def key_switch(simulator: SimulatorThread, client: JsonClient) -> None:
-    simulator.inject("key_switch")
+def key_switch(client: JsonClient) -> None:
+    client.simulator.inject("key_switch")
 
 
 def asked(name: str, body: Json) -> Prepare:
-    return lambda simulator, client: client.ask(name, body)
+    return lambda client: client.ask(name, body)
 
 
 task_runs, steps_run = asked(*TASK), asked(CALL, STEP)
@@ -59,7 +59,9 @@ CASES: dict[str, tuple[Prepare | None, str, Json, str, str | None]] = {
     "task in deployment mode": (
         asked("woosh.robot.SwitchWorkMode", {"mode": 1}), *TASK, NOT_TASK_MODE, None,
     ),
-    "task while lost": (lambda sim, client: sim.inject("lost_localisation"), *TASK, FAILED, None),
+    "task while lost": (
+        lambda client: client.simulator.inject("lost_localisation"), *TASK, FAILED, None,
+    ),
     "task while another runs": (task_runs, *OTHER_TASK, EXECUTING, "140801000131"),
     "task set while a task runs": (
         task_runs, "woosh.robot.ExecPreTask", {"taskSetId": 666}, EXECUTING, "140801000131",
@@ -107,22 +109,16 @@ def reasons(client: JsonClient) -> list[Json]:
     ("prepare", "name", "body", "words", "code"), list(CASES.values()), ids=list(CASES)
 )
 def test_real_robot_refuses_in_few_words_and_gives_its_reason_by_a_code(
-    simulator: SimulatorThread,
-    client: JsonClient,
-    prepare: Prepare | None,
-    name: str,
-    body: Json,
-    words: str,
-    code: str | None,
+    client: JsonClient, prepare: Prepare | None, name: str, body: Json, words: str, code: str | None
 ) -> None:
     if prepare:
-        prepare(simulator, client)
+        prepare(client)
     client.subscribe(CODE)
     client.pushes.clear()
     answer = client.request(name, body)
     assert (answer["ok"], answer["msg"], answer["body"]) == (False, words, {})
     assert not reasons(client)  # not before the answer
-    pass_time(simulator, 0.2)
+    pass_time(client.simulator, 0.2)
     client.ask("woosh.robot.Mode")
     given = reasons(client)
     assert [push["body"]["code"] for push in given] == ([code] if code else [])
@@ -141,27 +137,25 @@ def test_own_task_of_the_robot_gives_way_only_to_another_kind(client: JsonClient
 
 @pytest.mark.parametrize("profile", ["tr200", "instant"])
 def test_zero_velocity_is_accepted_in_every_state(profile: str) -> None:
-    with connected(profile=profile) as (simulator, client):
+    with connected(profile=profile) as client:
         client.ask(*TASK)
         client.ask(TWIST)
-        simulator.inject("emergency_stop")
-        simulator.inject("key_switch")
+        client.simulator.inject("emergency_stop")
+        client.simulator.inject("key_switch")
         answer = client.request(TWIST)
         assert (answer["ok"], answer["msg"]) == (True, "Request succeed")
 
 
 @pytest.mark.chassis(speed=50, profile="instant")
-def test_quick_profile_explains_refusals_and_sends_no_codes(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_quick_profile_explains_refusals_and_sends_no_codes(client: JsonClient) -> None:
     client.subscribe(CODE)
-    simulator.inject("lost_localisation")
+    client.simulator.inject("lost_localisation")
     client.next_push(CODE)
     client.pushes.clear()
     reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
     assert client.refusal(*TASK) == reason
     assert client.refusal("woosh.robot.ActionOrder", {"order": 2}).startswith("no task is running")
-    pass_time(simulator, 1.0)
+    pass_time(client.simulator, 1.0)
     assert client.take_pushes(CODE) == []
 
 

@@ -10,9 +10,7 @@ from contextlib import closing
 
 import pytest
 
-from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import (
-    Connect,
     ConnectTcp,
     JsonClient,
     TcpClient,
@@ -37,32 +35,23 @@ GARBAGE: list[str | bytes] = [
 ]
 
 
-def test_bad_frames_are_skipped(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_bad_frames_are_skipped(client: JsonClient) -> None:
     for frame in GARBAGE:
         client.send(frame)
     assert client.ask("woosh.robot.Mode")["ctrl"] == 1
-    assert simulator.bad_frames == len(GARBAGE)
-    assert simulator.connections == 1
+    assert client.simulator.bad_frames == len(GARBAGE)
+    assert client.simulator.connections == 1
 
 
-def test_bad_frames_over_tcp_are_skipped(simulator: SimulatorThread, tcp: TcpClient) -> None:
+def test_bad_frames_over_tcp_are_skipped(tcp: TcpClient) -> None:
     for frame in (b"\xff\xff", b"", b"{}"):
         tcp.send(frame)
     assert tcp.request("woosh.robot.Mode").ok
-    with socket.create_connection(("127.0.0.1", simulator.tcp_port)) as other:
+    with socket.create_connection(("127.0.0.1", tcp.simulator.tcp_port)) as other:
         other.sendall(b"\xff" * 20)  # a varint that never ends
         other.settimeout(5)
         assert other.recv(1) == b""
     assert tcp.request("woosh.robot.Mode").ok
-
-
-def test_pushes_reach_many_clients(connect: Connect) -> None:
-    clients = [connect() for _ in range(20)]
-    for each in clients:
-        each.subscribe("woosh.robot.Mode")
-    clients[0].ask("woosh.robot.SwitchWorkMode", {"mode": 3})
-    for each in clients:
-        assert each.next_push("woosh.robot.Mode")["work"] == 3
 
 
 @pytest.mark.chassis(speed=1, max_outbox=5)
@@ -78,28 +67,26 @@ def test_slow_client_is_dropped_and_delays_no_other(
         assert quick.request("woosh.robot.Mode").ok
 
 
-def test_received_messages_are_recorded(simulator: SimulatorThread, client: JsonClient) -> None:
-    assert simulator.last("woosh.robot.Twist") is None
+def test_received_messages_are_recorded(client: JsonClient) -> None:
+    assert client.simulator.last("woosh.robot.Twist") is None
     client.subscribe("woosh.robot.Mode")
     client.ask("woosh.robot.Twist", {"linear": 0.25})
-    message = simulator.wait_received("woosh.robot.Twist")
-    assert message == simulator.last("woosh.robot.Twist")
+    message = client.simulator.wait_received("woosh.robot.Twist")
+    assert message == client.simulator.last("woosh.robot.Twist")
     assert getattr(message, "linear", None) == 0.25
-    assert simulator.counts["woosh.Subscription"] == 1
-    types = [each.type for each in simulator.received]
+    assert client.simulator.counts["woosh.Subscription"] == 1
+    types = [each.type for each in client.simulator.received]
     assert types == ["woosh.Subscription", "woosh.robot.Mode", "woosh.robot.Twist"]
     with pytest.raises(asyncio.TimeoutError):
-        simulator.wait_received("woosh.robot.Twist", count=2, timeout=0.01)
+        client.simulator.wait_received("woosh.robot.Twist", count=2, timeout=0.01)
 
 
-def test_interceptor_can_change_and_add_frames(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_interceptor_can_change_and_add_frames(client: JsonClient) -> None:
     def wrong_then_right(frame: Outgoing) -> Iterable[Outgoing]:
         yield dataclasses.replace(frame, sn=frame.sn + 1000)
         yield frame
 
-    remove = simulator.intercept(wrong_then_right)
+    remove = client.simulator.intercept(wrong_then_right)
     client.send({"type": "woosh.robot.Mode", "sn": 3})
     assert [client.receive()["sn"] for _ in range(2)] == [1003, 3]
     remove()
@@ -108,63 +95,32 @@ def test_interceptor_can_change_and_add_frames(
     assert [client.receive()["sn"] for _ in range(2)] == [4, 5]
 
 
-def test_failing_interceptor_closes_no_connection(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_failing_interceptor_closes_no_connection(client: JsonClient) -> None:
     def fail(frame: Outgoing) -> Iterable[Outgoing]:
         raise RuntimeError("on purpose")
 
     client.subscribe("woosh.robot.PoseSpeed")
-    remove = simulator.intercept(fail)
+    remove = client.simulator.intercept(fail)
     client.send({"type": "woosh.robot.Twist", "body": {"linear": 0.5}, "sn": 800})
-    simulator.wait_received("woosh.robot.Twist")
-    pass_time(simulator, 0.2)
+    client.simulator.wait_received("woosh.robot.Twist")
+    pass_time(client.simulator, 0.2)
     remove()
     client.send({"type": "woosh.robot.Twist", "body": {"linear": 0.5}, "sn": 801})
     client.next_push("woosh.robot.PoseSpeed")
     client.ask("woosh.robot.Mode")
 
 
-def test_raw_frames_and_pushes_can_be_sent(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_raw_frames_and_pushes_can_be_sent(client: JsonClient) -> None:
     client.subscribe("woosh.robot.Battery")
-    simulator.push(robot_pb2.Battery(power=3))
+    client.simulator.push(robot_pb2.Battery(power=3))
     assert client.next_push("woosh.robot.Battery")["power"] == 3
-    simulator.push(robot_pb2.Mode())  # no client has subscribed to it
-    simulator.send_raw('{"type": "x"}')
+    client.simulator.push(robot_pb2.Mode())  # no client has subscribed to it
+    client.simulator.send_raw('{"type": "x"}')
     assert client.receive() == {"type": "x"}
 
 
-def test_simulator_can_drop_clients_and_listen_again(
-    simulator: SimulatorThread, tcp: TcpClient, connect_tcp: ConnectTcp
-) -> None:
-    assert tcp.request("woosh.robot.SwitchWorkMode").msg
-    simulator.drop()
-    with pytest.raises(ConnectionError):
-        tcp.request("woosh.robot.Mode")
-    ports = simulator.port, simulator.tcp_port
-    for _ in range(2):
-        simulator.stop_listening()
-        assert simulator.connections == 0
-        for port in ports:
-            with pytest.raises(ConnectionRefusedError):
-                socket.create_connection(("127.0.0.1", port), 5)
-            with closing(socket.socket()) as other, pytest.raises(OSError, match="in use"):
-                other.bind(("127.0.0.1", port))
-    simulator.listen()
-    assert (simulator.port, simulator.tcp_port) == ports
-    assert connect_tcp().request("woosh.robot.Mode").ok
-
-
-def test_subscriptions_end_with_the_connection(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
-    with closing(JsonClient(simulator.port)) as first:
+def test_subscriptions_end_with_the_connection(client: JsonClient) -> None:
+    with closing(JsonClient(client.simulator.port)) as first:
         first.subscribe("woosh.robot.Mode")
     client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
     assert client.take_pushes("woosh.robot.Mode") == []
-
-
-def test_port_in_use_raises_an_error(simulator: SimulatorThread) -> None:
-    other = SimulatorThread(quick_config(port=simulator.port, tcp_port=0))
-    with pytest.raises(OSError):
-        other.start()

@@ -7,7 +7,7 @@ import pytest
 from tests.simulator.recorded_chassis import SteppedChassis, ask, wait_frame
 from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.simulator import Outgoing, SimulatedChassis, SimulatorThread
+from woosh_robot_agent.simulator import Outgoing, SimulatedChassis
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
@@ -27,11 +27,9 @@ Ask = tuple[str, Json]
 """Type of a request and its body."""
 
 
-def test_key_switch_overrides_the_control_mode(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_key_switch_overrides_the_control_mode(client: JsonClient) -> None:
     client.subscribe(MODE, OPERATION)
-    simulator.set_key_switch(True)
+    client.simulator.set_key_switch(True)
     assert client.next_push(MODE)["ctrl"] == MANUAL
     assert client.next_push(OPERATION)["robot"] == 0
     for mode in (AUTO, MAINTAIN):
@@ -41,22 +39,20 @@ def test_key_switch_overrides_the_control_mode(
     client.ask("woosh.robot.Twist")  # a stop is always accepted
     assert client.ask(CODES)["scs"][-1]["msg"] == "control mode is now manual"
     client.pushes.clear()
-    simulator.set_key_switch(False)
+    client.simulator.set_key_switch(False)
     assert client.next_push(MODE)["ctrl"] == AUTO
     assert client.next_push(OPERATION)["robot"] == 1
 
 
-def test_key_switch_restores_the_control_mode_chosen_by_request(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_key_switch_restores_the_control_mode_chosen_by_request(client: JsonClient) -> None:
     client.ask("woosh.robot.SwitchControlMode", {"mode": MAINTAIN})
-    simulator.set_key_switch(True)
+    client.simulator.set_key_switch(True)
     assert client.ask(MODE)["ctrl"] == MANUAL
-    simulator.set_key_switch(False)
+    client.simulator.set_key_switch(False)
     assert client.ask(MODE)["ctrl"] == MAINTAIN
-    simulator.set_key_switch(True)
+    client.simulator.set_key_switch(True)
     client.ask("woosh.robot.SwitchControlMode", {"mode": MANUAL})
-    simulator.set_key_switch(False)
+    client.simulator.set_key_switch(False)
     assert client.ask(MODE)["ctrl"] == MANUAL
 
 
@@ -68,11 +64,9 @@ def test_maintenance_mode_refuses_remote_control(client: JsonClient) -> None:
     client.ask("woosh.robot.Twist", {"linear": 0.2})
 
 
-def test_lost_localisation_shows_in_all_states_until_a_pose_is_set(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_lost_localisation_shows_in_all_states_until_a_pose_is_set(client: JsonClient) -> None:
     client.subscribe(ABNORMAL)
-    simulator.lose_localisation()
+    client.simulator.lose_localisation()
     info = client.ask("woosh.robot.RobotInfo")
     assert info["state"] == FAULT
     assert info["operationState"]["robot"] == 0
@@ -101,46 +95,42 @@ def test_uninitialised_chassis_needs_init_robot(client: JsonClient) -> None:
 
 
 @pytest.fixture
-def following_client(simulator: SimulatorThread, client: JsonClient) -> JsonClient:
+def follower(client: JsonClient) -> JsonClient:
     """Client of a robot that follows an obstacle named `leader`."""
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 0.0, "y": 0.0}})
-    move_leader(simulator, 2.5, 0.0)
+    move_leader(client, 2.5, 0.0)
     client.subscribe(STATE, "woosh.robot.PoseSpeed")
     client.ask("woosh.robot.Follow", {"type": True})
     assert client.next_push(STATE)["state"] == FOLLOWING
     return client
 
 
-def move_leader(simulator: SimulatorThread, x: float, y: float) -> None:
-    simulator.call(lambda s: s.chassis.obstacles.put("leader", x, y, 0.2))
+def move_leader(client: JsonClient, x: float, y: float) -> None:
+    client.simulator.call(lambda s: s.chassis.obstacles.put("leader", x, y, 0.2))
 
 
-def gap_to_leader(simulator: SimulatorThread, x: float, y: float) -> float:
-    return simulator.state.pose.distance((x, y)) - 0.2
+def gap_to_leader(client: JsonClient, x: float, y: float) -> float:
+    return client.simulator.state.pose.distance((x, y)) - 0.2
 
 
-def test_robot_follows_its_leader_at_a_distance(
-    simulator: SimulatorThread, following_client: JsonClient
-) -> None:
+def test_robot_follows_its_leader_at_a_distance(follower: JsonClient) -> None:
     for x, y in ((2.5, 0.0), (4.0, 0.5), (4.5, 2.0)):
-        move_leader(simulator, x, y)
-        pass_time(simulator, 15.0)
-        assert 0.9 < gap_to_leader(simulator, x, y) < 1.1
-        assert abs(simulator.state.pose.bearing((x, y))) < 0.2
-    odometer = simulator.state.odometer
-    pass_time(simulator, 10.0)
-    assert simulator.state.odometer == odometer
+        move_leader(follower, x, y)
+        pass_time(follower.simulator, 15.0)
+        assert 0.9 < gap_to_leader(follower, x, y) < 1.1
+        assert abs(follower.simulator.state.pose.bearing((x, y))) < 0.2
+    odometer = follower.simulator.state.odometer
+    pass_time(follower.simulator, 10.0)
+    assert follower.simulator.state.odometer == odometer
 
 
-def test_robot_stops_when_it_loses_its_leader(
-    simulator: SimulatorThread, following_client: JsonClient
-) -> None:
-    simulator.call(lambda s: s.chassis.obstacles.clear())
-    pass_time(simulator, 10.0)
-    assert simulator.state.velocity.speed == 0.0
-    assert following_client.ask(STATE)["state"] == FOLLOWING
-    following_client.ask("woosh.robot.Follow", {"type": False})
-    assert following_client.ask(STATE)["state"] == IDLE
+def test_robot_stops_when_it_loses_its_leader(follower: JsonClient) -> None:
+    follower.simulator.call(lambda s: s.chassis.obstacles.clear())
+    pass_time(follower.simulator, 10.0)
+    assert follower.simulator.state.velocity.speed == 0.0
+    assert follower.ask(STATE)["state"] == FOLLOWING
+    follower.ask("woosh.robot.Follow", {"type": False})
+    assert follower.ask(STATE)["state"] == IDLE
 
 
 @pytest.mark.parametrize(
@@ -153,12 +143,10 @@ def test_robot_stops_when_it_loses_its_leader(
         ("woosh.robot.SwitchControlMode", {"mode": 2}),
     ],
 )
-def test_following_ends_with_any_other_command(
-    simulator: SimulatorThread, following_client: JsonClient, name: str, body: Json
-) -> None:
-    following_client.ask(name, body)
-    pass_time(simulator, 0.2)
-    assert not simulator.state.following
+def test_following_ends_with_any_other_command(follower: JsonClient, name: str, body: Json) -> None:
+    follower.ask(name, body)
+    pass_time(follower.simulator, 0.2)
+    assert not follower.simulator.state.following
 
 
 @pytest.mark.parametrize(
@@ -173,13 +161,13 @@ def test_following_ends_with_any_other_command(
     ids=["task", "action"],
 )
 def test_following_ends_with_a_resumed_job(
-    simulator: SimulatorThread, client: JsonClient, begin: Ask, pause: Ask, resume: Ask
+    client: JsonClient, begin: Ask, pause: Ask, resume: Ask
 ) -> None:
     for request in (begin, pause, ("woosh.robot.Follow", {"type": True})):
         client.ask(*request)
-    assert simulator.state.following
+    assert client.simulator.state.following
     client.ask(*resume)
-    assert not simulator.state.following
+    assert not client.simulator.state.following
 
 
 def test_following_ends_with_the_wait_of_a_task(quick: SteppedChassis) -> None:
@@ -193,20 +181,18 @@ def test_following_ends_with_the_wait_of_a_task(quick: SteppedChassis) -> None:
     assert not quick.chassis.follower.active
 
 
-def test_battery_drains_with_motion_and_charges_at_the_dock(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_battery_drains_with_motion_and_charges_at_the_dock(client: JsonClient) -> None:
     levels: list[float] = []
-    battery = simulator.call(lambda s: s.chassis.battery)
+    battery = client.simulator.call(lambda s: s.chassis.battery)
 
     def record_level(out: Outgoing) -> list[Outgoing]:
         if out.type == PROC and out.body.action.type == 7:  # it charges
             levels.append(battery.level)
         return [out]
 
-    simulator.intercept(record_level)
+    client.simulator.intercept(record_level)
     client.subscribe(PROC, "woosh.robot.Battery")
-    simulator.call(lambda s: setattr(s.chassis.battery, "level", 60.4))
+    client.simulator.call(lambda s: setattr(s.chassis.battery, "level", 60.4))
     client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
     client.next_push(PROC, lambda body: body.get("action", {}).get("type") == 7)
     assert levels[0] < 60.4 - 15 * 0.005  # the way is longer than 15 m
@@ -217,23 +203,19 @@ def test_battery_drains_with_motion_and_charges_at_the_dock(
     assert client.ask("woosh.robot.Battery")["chargeState"] == 1
 
 
-def test_empty_battery_refuses_motion_until_it_is_charged(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_empty_battery_refuses_motion_until_it_is_charged(client: JsonClient) -> None:
     client.subscribe(ABNORMAL)
-    simulator.call(lambda s: setattr(s.chassis.battery, "level", 0.0))
+    client.simulator.call(lambda s: setattr(s.chassis.battery, "level", 0.0))
     assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["110401000111"]
     assert client.refusal(*TASK) == "battery is empty: charge first"
     assert client.refusal("woosh.robot.Twist", {"linear": 0.2}) == "battery is empty: charge first"
     assert client.ask(STATE)["state"] == 5
-    simulator.call(lambda s: setattr(s.chassis.battery, "level", 50.0))
-    pass_time(simulator, 0.1)
+    client.simulator.call(lambda s: setattr(s.chassis.battery, "level", 50.0))
+    pass_time(client.simulator, 0.1)
     client.ask(*TASK)
 
 
-def test_zero_twist_stops_and_is_pushed_at_once(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_zero_twist_stops_and_is_pushed_at_once(client: JsonClient) -> None:
     def stop_while_it_drives(simulator: SimulatedChassis) -> tuple[bool, Velocity]:
         # Step by hand: on the running clock the command could time out first.
         chassis = simulator.chassis
@@ -245,7 +227,7 @@ def test_zero_twist_stops_and_is_pushed_at_once(
         return moving, chassis.base.velocity
 
     client.subscribe("woosh.robot.PoseSpeed")
-    assert simulator.call(stop_while_it_drives) == (True, STANDSTILL)
+    assert client.simulator.call(stop_while_it_drives) == (True, STANDSTILL)
     assert client.next_push("woosh.robot.PoseSpeed")["twist"] == {"linear": 0.0, "angular": 0.0}
 
 
@@ -253,9 +235,9 @@ def test_zero_twist_stops_and_is_pushed_at_once(
 def test_only_an_omnidirectional_base_moves_sideways(omnidirectional: bool) -> None:
     lateral = {"mode": 3, "value": 0.5}
     diagonal = {"mode": 4, "value": 0.5, "angle": 0.5}
-    with connected(speed=50, omnidirectional=omnidirectional) as (simulator, client):
+    with connected(speed=50, omnidirectional=omnidirectional) as client:
         assert client.ask("woosh.robot.General")["driverMethod"] == int(omnidirectional)
-        mileage = simulator.state.odometer
+        mileage = client.simulator.state.odometer
         requests: list[tuple[str, Json]] = [
             ("woosh.robot.Twist", {"linearY": 0.3}),
             ("woosh.ros.CallAction", {"stepControl": {"action": 1, "steps": [lateral]}}),
@@ -264,9 +246,9 @@ def test_only_an_omnidirectional_base_moves_sideways(omnidirectional: bool) -> N
         for name, body in requests:
             if omnidirectional:
                 client.ask(name, body)
-                pass_time(simulator, 5.0)
+                pass_time(client.simulator, 5.0)
             else:
                 assert "a differential base cannot move sideways" in client.refusal(name, body)
-        driven = simulator.state.odometer - mileage
+        driven = client.simulator.state.odometer - mileage
         assert (driven > 1.0) is omnidirectional
         assert client.ask("woosh.robot.PoseSpeed")["mileage"] == int(mileage + driven)

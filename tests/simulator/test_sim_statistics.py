@@ -10,7 +10,6 @@ from tests.simulator.sim_wire import Json, JsonClient, pass_time
 from woosh_robot_agent.pb.robot import robot_count_pb2 as count_pb2
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, CountDataResponse
 from woosh_robot_agent.pb.util.common_pb2 import TimeBucket
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
 
@@ -42,29 +41,25 @@ def test_statistics_begin_empty_with_the_first_day(client: JsonClient) -> None:
         assert (client.ask(name)["id"], client.ask(name)["end"]) == (0, False)
 
 
-def test_day_counts_the_distance_and_the_time(
-    simulator: SimulatorThread, counted: JsonClient
-) -> None:
-    before = simulator.state
+def test_day_counts_the_distance_and_the_time(counted: JsonClient) -> None:
+    before = counted.simulator.state
     counted.ask("woosh.robot.ExecTask", TO_A2)
     counted.next_push(TASK, lambda body: body["end"])
     counted.pushes.clear()
     (day,) = counted.ask(COUNT, {"countType": 1})["operations"]["ops"]
-    driven = int(simulator.state.odometer) - int(before.odometer)
+    driven = int(counted.simulator.state.odometer) - int(before.odometer)
     assert driven >= 10
     assert day["distance"] == driven
     assert day["mileage"] == {"start": 1204, "end": 1204 + driven}
-    assert day["uptime"] <= simulator.state.elapsed < day["uptime"] + 60
+    assert day["uptime"] <= counted.simulator.state.elapsed < day["uptime"] + 60
     assert day["buckets"] == [{"start": START, "end": START + day["uptime"]}]
 
 
-def test_day_is_pushed_after_each_metre_and_each_minute(
-    simulator: SimulatorThread, counted: JsonClient
-) -> None:
+def test_day_is_pushed_after_each_metre_and_each_minute(counted: JsonClient) -> None:
     counted.ask("woosh.robot.ExecTask", TO_A2)
     pushed = [counted.next_push(OPERATION) for _ in range(5)]
     assert [each["distance"] for each in pushed] == [1, 2, 3, 4, 5]
-    pass_time(simulator, 60.0)
+    pass_time(counted.simulator, 60.0)
     counted.take_pushes(OPERATION)
     first, second = counted.next_push(OPERATION), counted.next_push(OPERATION)
     assert second["distance"] == first["distance"]
@@ -116,15 +111,13 @@ def test_each_task_of_a_set_and_each_retry_is_counted(counted: JsonClient) -> No
     assert counted.next_push(TASK)["state"] == FAILED
 
 
-def test_problem_is_counted_from_its_beginning_to_its_end(
-    simulator: SimulatorThread, counted: JsonClient
-) -> None:
-    simulator.set_emergency_stop(True)
+def test_problem_is_counted_from_its_beginning_to_its_end(counted: JsonClient) -> None:
+    counted.simulator.set_emergency_stop(True)
     opened = counted.next_push(STATUS)
     assert (opened["info"]["code"], opened["bucket"]["end"]) == (EMERGENCY_STOP, 0)
     assert (opened["end"], opened["cons"]) == (False, 0)
-    pass_time(simulator, 30.0)
-    simulator.set_emergency_stop(False)
+    pass_time(counted.simulator, 30.0)
+    counted.simulator.set_emergency_stop(False)
     closed = counted.next_push(STATUS)
     assert (closed["id"], closed["end"]) == (opened["id"], True)
     assert closed["cons"] >= 30

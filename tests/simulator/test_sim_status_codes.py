@@ -11,7 +11,7 @@ import pytest
 from tests.simulator.sim_wire import JsonClient, connected
 from tests.simulator.test_sim_program import running
 from woosh_robot_agent import simulator as package
-from woosh_robot_agent.simulator import SimulatorThread, status_codes
+from woosh_robot_agent.simulator import status_codes
 from woosh_robot_agent.simulator.__main__ import main
 
 CODES = [each for each in vars(status_codes).values() if isinstance(each, status_codes.Code)]
@@ -55,9 +55,9 @@ def test_no_code_is_declared_twice_or_elsewhere() -> None:
     ],
 )
 def test_language_of_the_texts(options: dict[str, str], language: str) -> None:
-    with connected(**{"profile": "tr200", **options}) as (simulator, client):
+    with connected(**{"profile": "tr200", **options}) as client:
         client.subscribe(CODE)
-        simulator.inject("emergency_stop")
+        client.simulator.inject("emergency_stop")
         pushed = client.next_push(CODE)
         (listed,) = client.ask(ABNORMAL)["scs"]
         for code in (pushed, listed):
@@ -77,16 +77,14 @@ def test_language_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> Non
     assert "invalid choice: 'fr'" in capsys.readouterr().err
 
 
-def test_abnormal_codes_list_what_is_wrong_now(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_abnormal_codes_list_what_is_wrong_now(client: JsonClient) -> None:
     assert client.ask(ABNORMAL)["scs"] == []
     client.subscribe(ABNORMAL, "woosh.robot.DeviceState")
-    stop = simulator.inject("emergency_stop")
+    stop = client.simulator.inject("emergency_stop")
     assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["110201000013"]
     device = client.ask("woosh.robot.DeviceState")
     assert (device["hardware"], device["software"]) == (1024, 1)
-    lost = simulator.inject("lost_localisation")
+    lost = client.simulator.inject("lost_localisation")
     found = [each["code"] for each in client.next_push(ABNORMAL)["scs"]]
     assert found == ["110201000013", "130103000012"]
     assert client.ask("woosh.robot.DeviceState")["software"] == 0
@@ -96,15 +94,13 @@ def test_abnormal_codes_list_what_is_wrong_now(
     assert client.next_push(ABNORMAL)["scs"] == []
 
 
-def test_changes_of_the_control_mode_are_reported(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_changes_of_the_control_mode_are_reported(client: JsonClient) -> None:
     client.subscribe(CODE)
     for mode, code in ((3, "140802000071"), (2, "140802000061"), (1, "140802000051")):
         client.ask("woosh.robot.SwitchControlMode", {"mode": mode})
         assert client.next_push(CODE)["code"] == code
-    simulator.set_key_switch(True)
+    client.simulator.set_key_switch(True)
     assert client.next_push(CODE)["code"] == "140802000061"
-    simulator.set_key_switch(False)
+    client.simulator.set_key_switch(False)
     assert client.next_push(CODE)["code"] == "140802000051"
     assert client.ask(ABNORMAL)["scs"] == []

@@ -15,7 +15,7 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import Upload
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask, TaskInfo
 from woosh_robot_agent.pb.util.common_pb2 import FileData
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.behaviour.jobs import Wait
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
@@ -109,7 +109,7 @@ def test_deleted_task_set_that_runs_goes_on(client: JsonClient) -> None:
     ],
 )
 def test_task_set_is_run_by_its_id_or_with_the_tasks_in_the_request(
-    simulator: SimulatorThread, client: JsonClient, body: Json, ids: list[str]
+    client: JsonClient, body: Json, ids: list[str]
 ) -> None:
     client.subscribe(PROC)
     sets = listed(client)
@@ -117,7 +117,7 @@ def test_task_set_is_run_by_its_id_or_with_the_tasks_in_the_request(
     assert ended(client, len(ids)) == [(each, COMPLETED) for each in ids]
     assert client.take_pushes(PROC) == []
     assert listed(client) == sets
-    received = simulator.last(REPEAT)
+    received = client.simulator.last(REPEAT)
     assert received == json_format.ParseDict(body, message_type(REPEAT)())
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
-from woosh_robot_agent.simulator import SimulatorThread
 
 PROC = "woosh.robot.TaskProc"
 INIT, READY, EXECUTING, PAUSED, ACTION_WAIT = 1, 2, 3, 4, 5
@@ -18,7 +17,7 @@ ENDED = (COMPLETED, CANCELED, FAILED)
 CONTINUE, RECOVER = 3, 5
 TASK = ("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
 
-Change = Callable[[SimulatorThread, JsonClient], object]
+Change = Callable[[JsonClient], object]
 
 
 @pytest.fixture(autouse=True)
@@ -34,7 +33,7 @@ def reports_until_end(client: JsonClient) -> list[Json]:
     return reports
 
 
-def test_task_drives_to_a_mark(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_task_drives_to_a_mark(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"taskId": "1682416646", "type": 1, "markNo": "A2"})
     reports = reports_until_end(client)
     assert [each["state"] for each in reports] == [INIT, READY, EXECUTING, COMPLETED]
@@ -42,7 +41,7 @@ def test_task_drives_to_a_mark(simulator: SimulatorThread, client: JsonClient) -
         assert (each["robotTaskId"], each["type"], each["dest"]) == ("1682416646", 1, "A2")
     assert reports[2]["action"] == {"type": 1, "state": 1, "waitId": 0}
     assert reports[3]["action"] == {"type": 1, "state": 4, "waitId": 0}
-    pose = simulator.state.pose
+    pose = client.simulator.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((5.0, 4.0, 0.0), abs=0.005)
     info = client.ask("woosh.robot.RobotInfo")
     assert info["taskProc"] == reports[-1] == client.ask(PROC)
@@ -89,16 +88,14 @@ def test_newer_task_replaces_the_older_one(client: JsonClient) -> None:
     assert reports[-1]["state"] == COMPLETED
 
 
-def test_task_can_be_paused_continued_and_cancelled(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_task_can_be_paused_continued_and_cancelled(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
     client.next_push(PROC, lambda body: body["state"] == EXECUTING)
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     paused = client.next_push(PROC)
     assert (paused["state"], paused["action"]["state"]) == (PAUSED, 10)
     assert client.ask("woosh.robot.RobotState")["state"] == 4
-    pass_time(simulator, 2.0)
+    pass_time(client.simulator, 2.0)
     assert client.ask("woosh.robot.PoseSpeed")["twist"]["linear"] == 0.0
     client.ask("woosh.robot.ActionOrder", {"order": 3})
     assert client.next_push(PROC)["state"] == EXECUTING
@@ -123,9 +120,7 @@ def test_failed_task_is_reported_and_can_be_recovered(client: JsonClient) -> Non
     assert client.next_push(PROC)["state"] == FAILED
 
 
-def test_wait_ends_after_its_time_or_by_order(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_wait_ends_after_its_time_or_by_order(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
     client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
     client.ask("woosh.robot.ActionOrder", {"order": 6})
@@ -137,13 +132,11 @@ def test_wait_ends_after_its_time_or_by_order(
     assert 4 <= end["time"] - waiting["time"] <= 6
 
 
-def test_wait_without_a_time_lasts_until_the_order(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_wait_without_a_time_lasts_until_the_order(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
     waiting = client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
     assert waiting["action"] == {"type": 6, "state": 1, "waitId": 1}
-    pass_time(simulator, 60.0)
+    pass_time(client.simulator, 60.0)
     # It can be paused, and waits again when continued.
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     assert client.next_push(PROC)["state"] == PAUSED
@@ -160,20 +153,20 @@ CONTROL_MODE = "woosh.robot.SwitchControlMode"
 POSE = {"x": 1.0, "y": 2.0}
 CONDITIONS: dict[str, tuple[Change, Change]] = {
     "emergency stop is pressed": (
-        lambda simulator, client: simulator.set_emergency_stop(True),
-        lambda simulator, client: simulator.set_emergency_stop(False),
+        lambda client: client.simulator.set_emergency_stop(True),
+        lambda client: client.simulator.set_emergency_stop(False),
     ),
     "key switch is at manual": (
-        lambda simulator, client: simulator.set_key_switch(True),
-        lambda simulator, client: simulator.set_key_switch(False),
+        lambda client: client.simulator.set_key_switch(True),
+        lambda client: client.simulator.set_key_switch(False),
     ),
     "robot is in manual mode": (
-        lambda simulator, client: client.ask(CONTROL_MODE, {"mode": 2}),
-        lambda simulator, client: client.ask(CONTROL_MODE, {"mode": 1}),
+        lambda client: client.ask(CONTROL_MODE, {"mode": 2}),
+        lambda client: client.ask(CONTROL_MODE, {"mode": 1}),
     ),
     "robot has lost its localisation": (
-        lambda simulator, client: simulator.lose_localisation(),
-        lambda simulator, client: client.ask("woosh.robot.SetRobotPose", {"pose": POSE}),
+        lambda client: client.simulator.lose_localisation(),
+        lambda client: client.ask("woosh.robot.SetRobotPose", {"pose": POSE}),
     ),
 }
 
@@ -181,29 +174,29 @@ CONDITIONS: dict[str, tuple[Change, Change]] = {
 @pytest.mark.parametrize("order", [CONTINUE, RECOVER])
 @pytest.mark.parametrize("reason", CONDITIONS)
 def test_robot_that_is_not_ready_pauses_its_task_until_an_order(
-    simulator: SimulatorThread, client: JsonClient, reason: str, order: int
+    client: JsonClient, reason: str, order: int
 ) -> None:
     begin, end = CONDITIONS[reason]
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
     client.next_push(PROC, lambda body: body["state"] == EXECUTING)
-    begin(simulator, client)
+    begin(client)
     paused = client.next_push(PROC)
     assert (paused["state"], paused["msg"]) == (PAUSED, reason)
     assert client.ask("woosh.robot.OperationState")["robot"] == 0
     for name, body in (TASK, ("woosh.robot.ActionOrder", {"order": order})):
         assert client.refusal(name, body).startswith(f"{reason}: ")
-    end(simulator, client)
+    end(client)
     assert client.ask("woosh.robot.OperationState")["robot"] == 1
-    pass_time(simulator, 10.0)
-    assert simulator.state.velocity.speed == 0.0
+    pass_time(client.simulator, 10.0)
+    assert client.simulator.state.velocity.speed == 0.0
     assert client.take_pushes(PROC) == []
     client.ask("woosh.robot.ActionOrder", {"order": order})
     assert client.next_push(PROC)["state"] == EXECUTING
     assert client.next_push(PROC)["state"] == COMPLETED
 
 
-def test_charge_task_charges(simulator: SimulatorThread, client: JsonClient) -> None:
-    simulator.call(lambda s: setattr(s.chassis.battery, "level", 97.0))
+def test_charge_task_charges(client: JsonClient) -> None:
+    client.simulator.call(lambda s: setattr(s.chassis.battery, "level", 97.0))
     client.subscribe("woosh.robot.Battery", "woosh.robot.RobotState")
     client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
     reports = reports_until_end(client)
@@ -218,7 +211,7 @@ def test_charge_task_charges(simulator: SimulatorThread, client: JsonClient) -> 
 
 @pytest.mark.parametrize("target", [{}, {"pose": {"x": 0, "y": 0, "theta": 0}}])
 def test_charge_task_without_a_mark_leads_to_the_nearest_charger(
-    simulator: SimulatorThread, client: JsonClient, target: Any
+    client: JsonClient, target: Any
 ) -> None:
     storage = {
         "identity": {"no": "C2"},
@@ -226,51 +219,47 @@ def test_charge_task_without_a_mark_leads_to_the_nearest_charger(
         "charger": {},
     }
     client.ask("woosh.map.mark.storage.Create", {"storage": storage})
-    simulator.call(lambda s: setattr(s.chassis.battery, "level", 97.9))
+    client.simulator.call(lambda s: setattr(s.chassis.battery, "level", 97.9))
     client.ask("woosh.robot.ExecTask", {"type": 3, **target})
     reports = reports_until_end(client)
     assert (reports[-1]["state"], reports[-1]["dest"]) == (COMPLETED, "C2")
-    assert simulator.state.pose.distance((10.0, -6.0)) < 0.05
+    assert client.simulator.state.pose.distance((10.0, -6.0)) < 0.05
     # It leaves the charger for one that is named.
     client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
     assert reports_until_end(client)[-1]["dest"] == "C1"
-    assert simulator.state.pose.distance((-10.8, 0.5)) < 0.05
+    assert client.simulator.state.pose.distance((-10.8, 0.5)) < 0.05
 
 
-def test_carry_task_lifts(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_carry_task_lifts(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecTask", {"type": 4, "direction": 1, "markNo": "K10"})
     reports = reports_until_end(client)
     # Drive there, enter the dock, lift, leave the dock: each action begins and succeeds.
     actions = [(each["action"]["type"], each["action"]["state"]) for each in reports[2:]]
     assert actions == [(kind, state) for kind in (1, 3, 5, 4) for state in (1, 4)]
-    pose = simulator.state.pose
+    pose = client.simulator.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((8.0, -3.5, -math.pi / 2), abs=0.01)
-    assert simulator.state.jack == pytest.approx(0.06)
+    assert client.simulator.state.jack == pytest.approx(0.06)
     assert client.ask("woosh.robot.DeviceState")["software"] & 4
     client.ask("woosh.robot.ExecTask", {"type": 4, "direction": 2, "markNo": "K10"})
     reports_until_end(client)
-    assert simulator.state.jack == 0.0
+    assert client.simulator.state.jack == 0.0
 
 
-def test_mark_precedes_path_and_path_precedes_pose(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_mark_precedes_path_and_path_precedes_pose(client: JsonClient) -> None:
     # Clients may send all three targets, with the unused ones empty.
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2", "planPath": {}, "pose": {}})
     assert reports_until_end(client)[-1]["dest"] == "A2"
     path = {"planPath": [{"path": {"poses": [{"x": 4, "y": 3}, {"x": 3, "y": 2, "theta": 1}]}}]}
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "", "planPath": path, "pose": {}})
     assert reports_until_end(client)[-1]["state"] == COMPLETED
-    pose = simulator.state.pose
+    pose = client.simulator.state.pose
     assert (pose.x, pose.y, pose.theta) == pytest.approx((3, 2, 1), abs=0.005)
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "", "planPath": {}, "pose": {"x": 1}})
     assert reports_until_end(client)[-1]["state"] == COMPLETED
-    assert simulator.state.pose.x == pytest.approx(1.0, abs=0.005)
+    assert client.simulator.state.pose.x == pytest.approx(1.0, abs=0.005)
 
 
-def test_changed_path_leads_to_the_same_goal(
-    simulator: SimulatorThread, client: JsonClient
-) -> None:
+def test_changed_path_leads_to_the_same_goal(client: JsonClient) -> None:
     client.subscribe("woosh.robot.NavPath")
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
     client.next_push("woosh.robot.NavPath")
@@ -279,10 +268,10 @@ def test_changed_path_leads_to_the_same_goal(
     poses = client.next_push("woosh.robot.NavPath")["path"]["poses"]
     assert {"x": 0.0, "y": 0.0} in [{"x": each["x"], "y": each["y"]} for each in poses]
     client.next_push(PROC, lambda body: body["state"] == COMPLETED)
-    assert simulator.state.pose.x == pytest.approx(5.0, abs=0.005)
+    assert client.simulator.state.pose.x == pytest.approx(5.0, abs=0.005)
 
 
-def test_strict_path_is_driven_exactly(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_strict_path_is_driven_exactly(client: JsonClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0}})
     client.subscribe("woosh.robot.NavPath", "woosh.robot.PoseSpeed")
     corners = [(4.0, 1.0), (5.0, -1.0), (6.0, 1.0), (6.0, 2.0)]
@@ -302,12 +291,12 @@ def test_strict_path_is_driven_exactly(simulator: SimulatorThread, client: JsonC
             break
     assert frame["body"]["state"] == COMPLETED
     assert max(left.values()) < 0.02
-    assert simulator.state.pose.theta == pytest.approx(1.0, abs=0.005)
+    assert client.simulator.state.pose.theta == pytest.approx(1.0, abs=0.005)
 
 
 @pytest.mark.parametrize(("arrival", "turned"), [(1, False), (2, True)])
 def test_only_accurate_arrival_turns_to_the_heading(
-    simulator: SimulatorThread, client: JsonClient, arrival: int, turned: bool
+    client: JsonClient, arrival: int, turned: bool
 ) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0}})
     client.ask("woosh.robot.ExecTask", {"type": 1, "pose": {"x": 8, "y": 0, "theta": 2}})
@@ -315,7 +304,7 @@ def test_only_accurate_arrival_turns_to_the_heading(
     client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": arrival, "mode": 1}})
     client.ask("woosh.robot.ActionOrder", {"order": 3})
     client.next_push(PROC, lambda body: body["state"] == COMPLETED)
-    pose = simulator.state.pose
+    pose = client.simulator.state.pose
     assert pose.distance((8.0, 0.0)) < 0.01
     assert pose.theta == pytest.approx(2.0 if turned else 0.0, abs=0.01)
 
@@ -367,7 +356,7 @@ def test_failed_task_cannot_be_recovered_on_another_map(client: JsonClient) -> N
     assert text == "no task is running: start one by ExecTask first"
 
 
-def test_zero_twist_pauses_a_moving_task(simulator: SimulatorThread, client: JsonClient) -> None:
+def test_zero_twist_pauses_a_moving_task(client: JsonClient) -> None:
     client.subscribe("woosh.robot.PoseSpeed")
     client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
     client.next_push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.5)
@@ -379,7 +368,7 @@ def test_zero_twist_pauses_a_moving_task(simulator: SimulatorThread, client: Jso
     # The pause is pushed before the answer and takes effect at once.
     paused = [each["body"] for each in client.pushes if each["type"] == PROC][-1]
     assert (paused["state"], paused["msg"]) == (PAUSED, "stopped by a velocity of zero")
-    assert simulator.state.velocity.speed == 0.0
+    assert client.simulator.state.velocity.speed == 0.0
     client.pushes.clear()
     client.ask("woosh.robot.ActionOrder", {"order": 3})
     assert client.next_push(PROC)["state"] == EXECUTING

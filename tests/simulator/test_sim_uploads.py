@@ -237,13 +237,13 @@ def test_unreadable_files_of_a_map_are_refused(
 @pytest.mark.parametrize(("files", "reason"), INVALID_UPLOADS)
 @pytest.mark.parametrize("scene", ["new", "wooshmap"])
 def test_invalid_uploads_are_refused_and_change_nothing(
-    simulator: SimulatorThread, client: JsonClient, scene: str, files: dict[str, bytes], reason: str
+    client: JsonClient, scene: str, files: dict[str, bytes], reason: str
 ) -> None:
-    before = library(simulator)
+    before = library(client.simulator)
     text = client.refusal("woosh.robot.SwitchMap", switch_request(scene, **files))
     assert reason in text
     assert len(text) < 1000
-    assert library(simulator) == before
+    assert library(client.simulator) == before
 
 
 def test_total_size_of_uploads_is_limited() -> None:

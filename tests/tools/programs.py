@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from tests.tools.waiting import TIMEOUT
+from tests.asynchronous import TIMEOUT
 from woosh_robot_agent.simulator import SimulatorThread
 
 HOSTILE = "\x1b]0;owned\x07 \x9b31m \u202e gnp \u2028 \r\nok    taskable"

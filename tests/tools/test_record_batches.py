@@ -11,8 +11,8 @@ import pytest
 from websockets.frames import Frame as WireFrame
 from websockets.frames import Opcode
 
+from tests.asynchronous import TIMEOUT
 from tests.tools.recordings import HEAD, numbered, recording, writer
-from tests.tools.waiting import TIMEOUT, aio
 from woosh_robot_agent.tools.recording.files import Limits
 from woosh_robot_agent.tools.recording.proxy import ReadPace
 from woosh_robot_agent.tools.recording.reader import read_recording
@@ -32,7 +32,6 @@ def direction() -> Direction:
     return Direction(1, "chassis", WebSocketParser(masked=False, max_size=2**26), pytest.fail)
 
 
-@aio
 async def test_frames_of_a_flood_are_in_the_file_when_the_proxy_stops_at_once(tmp_path):
     sent = [wire(numbered(number)) for number in range(COUNT)]
 
@@ -58,7 +57,6 @@ async def test_frames_of_a_flood_are_in_the_file_when_the_proxy_stops_at_once(tm
     assert (closed.kind, closed.by) == ("close", "recorder")
 
 
-@aio
 async def test_each_frame_has_the_time_at_which_it_arrived(tmp_path, monkeypatch):
     clock = [0]
     monkeypatch.setattr("time.monotonic_ns", lambda: clock[0])
@@ -80,7 +78,6 @@ async def test_each_frame_has_the_time_at_which_it_arrived(tmp_path, monkeypatch
     assert [record.t for record in found] == [1.0, 2.0, 3.0, 4.0]
 
 
-@aio
 async def test_frames_are_recorded_before_the_next_flush(tmp_path):
     file = writer(tmp_path / "a.mcap")
     recorder = FrameRecorder(file)
@@ -91,7 +88,6 @@ async def test_frames_are_recorded_before_the_next_flush(tmp_path):
     file.close()
 
 
-@aio
 async def test_many_bytes_do_not_wait(tmp_path):
     file = writer(tmp_path / "a.mcap")
     recorder, chassis = FrameRecorder(file), direction()
@@ -118,7 +114,6 @@ class _SlowDisk(RecordingWriter):
         super().flush()
 
 
-@aio
 async def test_a_slow_disk_delays_nobody_and_loses_nothing(tmp_path):
     file = _SlowDisk(tmp_path / "a.mcap")
     recorder, chassis = FrameRecorder(file), direction()
@@ -138,7 +133,6 @@ async def test_a_slow_disk_delays_nobody_and_loses_nothing(tmp_path):
     assert (file.frames, file.lost) == (60, 0)
 
 
-@aio
 async def test_reads_at_high_rates_are_delayed():
     server = await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", 0)
     _, stream = await asyncio.open_connection("127.0.0.1", server.sockets[0].getsockname()[1])

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config
 from tests.tools.connections import KINDS, connected, link
 from tests.tools.recordings import recording
-from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.link.tasks import cancel_and_wait
@@ -28,8 +28,8 @@ from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
 from woosh_robot_agent.tools.recording.timeline import prepare
 
 
-def simulator() -> SimulatedChassis:
-    return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=50, seed=1))
+def simulator(speed: float = 50.0) -> SimulatedChassis:
+    return SimulatedChassis(quick_config(port=0, tcp_port=0, speed=speed, seed=1))
 
 
 def port_of(chassis: SimulatedChassis | ReplayedChassis, kind: str) -> int:
@@ -46,7 +46,6 @@ def events(found: Recording) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_a_task_is_recorded_and_replayed(kind, tmp_path):
     path = tmp_path / "task.mcap"
     async with (
@@ -77,7 +76,6 @@ async def test_a_task_is_recorded_and_replayed(kind, tmp_path):
         assert refused.msg == "the recording has no request of type woosh.robot.Speak"
 
 
-@aio
 async def test_all_bytes_are_forwarded_unchanged(tmp_path):
     """This includes bytes that are not WebSocket frames."""
     got = asyncio.Event()
@@ -107,7 +105,6 @@ async def test_all_bytes_are_forwarded_unchanged(tmp_path):
     assert kinds == ["open", "unreadable", "unreadable", "close"]
 
 
-@aio
 async def test_bad_frames_are_recorded_and_replayed(tmp_path):
     path = tmp_path / "a.mcap"
     async with (
@@ -125,7 +122,6 @@ async def test_bad_frames_are_recorded_and_replayed(tmp_path):
         await eventually(lambda: client.stats.bad_frames["json"], "the bad frame again")
 
 
-@aio
 async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path):
     path = tmp_path / "a.mcap"
     async with (
@@ -168,7 +164,6 @@ async def test_a_lost_connection_is_lost_again_in_the_replay(tmp_path):
         assert seen[lost + 1] is LinkState.CONNECTING
 
 
-@aio
 async def test_what_follows_a_silent_loss_is_replayed(tmp_path):
     """As over Wi-Fi: the client connects again before the robot notices the loss."""
     path = tmp_path / "a.mcap"
@@ -197,7 +192,6 @@ async def test_what_follows_a_silent_loss_is_replayed(tmp_path):
         assert client.stats.connects == 2
 
 
-@aio
 async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path):
     path = tmp_path / "a.mcap"
     async with (
@@ -216,7 +210,6 @@ async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path):
         assert client.stats.connects == 1
 
 
-@aio
 async def test_a_client_that_connects_while_the_proxy_stops_is_dropped(tmp_path, monkeypatch):
     late: list[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = []
 
@@ -238,11 +231,10 @@ async def test_a_client_that_connects_while_the_proxy_stops_is_dropped(tmp_path,
         writer.close()
 
 
-@aio
 async def test_the_passive_client_sends_each_query_and_no_command(tmp_path):
     path = tmp_path / "a.mcap"
     queries = {query.request for query in QUERIES}
-    async with simulator() as chassis, recording(path, chassis.port) as port:
+    async with simulator(speed=1.0) as chassis, recording(path, chassis.port) as port:
         own = PassiveClient(link(port))
         own.start()
         await eventually(lambda: queries <= set(chassis.counts), "the last query")
@@ -255,10 +247,12 @@ async def test_the_passive_client_sends_each_query_and_no_command(tmp_path):
     assert not asked & {command.request for command in COMMANDS if not command.reads}
 
 
-@aio
 async def test_a_query_that_ends_the_connection_is_sent_twice(tmp_path):
     queries = {query.request for query in QUERIES}
-    async with simulator() as chassis, recording(tmp_path / "a.mcap", chassis.port) as port:
+    async with (
+        simulator(speed=1.0) as chassis,
+        recording(tmp_path / "a.mcap", chassis.port) as port,
+    ):
         chassis.inject("truncated", type="woosh.robot.Battery", where="wire")
         own = PassiveClient(link(port))
         own.start()

@@ -23,10 +23,10 @@ from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 from PIL import Image
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config
 from tests.tools.connections import connected
 from tests.tools.recordings import add_numbered, recording, writer
-from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
@@ -127,7 +127,6 @@ def test_the_documented_example_reads_a_recording(tmp_path):
     assert json.loads(y) == pytest.approx([5.25])
 
 
-@aio
 async def test_each_type_and_direction_has_a_channel(tmp_path):
     path = tmp_path / "a.mcap"
     async with (

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from tests.asynchronous import TIMEOUT, eventually
 from tests.tools.connections import KINDS, connected, link
-from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkState, RequestTimeoutError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchWorkMode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo
@@ -75,7 +75,6 @@ async def replaying(*records: Any, **options: Any) -> AsyncIterator[ReplayedChas
         yield chassis
 
 
-@aio
 async def test_answers_are_chosen_by_the_request_and_come_in_recorded_order() -> None:
     records = [
         *exchange(1, "woosh.robot.Speak", 1, {"text": "a"}, "first a"),
@@ -91,7 +90,6 @@ async def test_answers_are_chosen_by_the_request_and_come_in_recorded_order() ->
         assert (await client.request(Speak(text="c"))).msg == "first a"
 
 
-@aio
 async def test_a_request_that_was_not_answered_gets_no_answer() -> None:
     records = exchange(1, "woosh.robot.Speak", 1, {})
     async with replaying(*records) as replayed, connected(replayed.port) as (client, _):
@@ -100,7 +98,6 @@ async def test_a_request_that_was_not_answered_gets_no_answer() -> None:
         assert (await client.request(RobotInfo())).ok
 
 
-@aio
 async def test_answers_are_as_late_as_recorded() -> None:
     records = [*exchange(1, "woosh.robot.Speak", 1, {}, "late")]
     records[1] = (1.5, *records[1][1:])
@@ -115,7 +112,6 @@ def test_answers_without_a_request_are_left_out() -> None:
     assert prepare(made_up(stray)).answers.unmatched == 1
 
 
-@aio
 async def test_pushes_go_to_subscribers() -> None:
     records = [
         subscribed(0.1, "woosh.robot.PoseSpeed", "woosh.robot.Mode"),
@@ -134,14 +130,12 @@ async def test_pushes_go_to_subscribers() -> None:
         assert poses == []
 
 
-@aio
 async def test_an_invalid_recorded_subscription_is_ignored() -> None:
     invalid = (0.1, 1, "client", {"type": "woosh.Subscription", "body": {"topics": 5}})
     async with replaying(invalid, *MODE) as replayed, connected(replayed.port) as (_, pushes):
         await eventually(lambda: pushes == [Mode(work=robot.kDeployMode)])
 
 
-@aio
 async def test_the_playback_pauses_until_a_client_subscribes() -> None:
     async with (
         replaying(*MODE, speed=1e5) as replayed,
@@ -155,7 +149,6 @@ async def test_the_playback_pauses_until_a_client_subscribes() -> None:
         await eventually(lambda: len(pushes) == 1)
 
 
-@aio
 async def test_the_port_stays_closed_if_the_robot_never_came_back() -> None:
     records = [subscribed(0.1, "woosh.robot.Mode"), *SWITCH, (0.3, 1, "close", "chassis")]
     async with (
@@ -170,7 +163,6 @@ async def test_the_port_stays_closed_if_the_robot_never_came_back() -> None:
         assert client.stats.connects == 1
 
 
-@aio
 async def test_the_playback_pauses_until_a_command_is_sent() -> None:
     subscription, push = MODE
     async with (
@@ -184,7 +176,6 @@ async def test_the_playback_pauses_until_a_command_is_sent() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@aio
 async def test_each_client_receives_its_own_encoding(kind: str) -> None:
     """The recording is in JSON."""
     spoken = exchange(0.3, "woosh.robot.Speak", 1, {"text": "a"}, "spoken")
@@ -195,7 +186,6 @@ async def test_each_client_receives_its_own_encoding(kind: str) -> None:
             assert (await client.request(Speak(text="a"))).msg == "spoken"
 
 
-@aio
 async def test_the_recording_can_be_replayed_in_a_loop() -> None:
     async with (
         replaying(*MODE, loop=True) as replayed,
@@ -205,7 +195,6 @@ async def test_the_recording_can_be_replayed_in_a_loop() -> None:
         await eventually(lambda: client.stats.connects >= 3)
 
 
-@aio
 async def test_a_loop_starts_again_although_the_robot_never_came_back() -> None:
     async with (
         replaying(*MODE, (0.4, 1, "close", "chassis"), loop=True) as replayed,
@@ -215,7 +204,6 @@ async def test_a_loop_starts_again_although_the_robot_never_came_back() -> None:
         assert client.stats.connects >= 2
 
 
-@aio
 async def test_a_port_that_was_taken_during_a_recorded_loss_is_an_error() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),
@@ -235,7 +223,6 @@ async def test_a_port_that_was_taken_during_a_recorded_loss_is_an_error() -> Non
             await asyncio.wait_for(replayed.wait(asyncio.Event()), TIMEOUT)
 
 
-@aio
 async def test_the_client_with_the_most_frames_gives_the_timeline() -> None:
     records = [
         subscribed(0.1, "woosh.robot.Mode"),

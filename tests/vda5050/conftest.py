@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config, set_speed
-from tests.tools.waiting import eventually
 from tests.vda5050.broker import Mosquitto, Recorder, mosquitto_path
 from tests.vda5050.master import START, Master, Message, node
 from woosh_robot_agent import simulator

@@ -13,7 +13,7 @@ from typing import Any
 
 import gmqtt
 
-from tests.tools.waiting import eventually
+from tests.asynchronous import eventually
 from woosh_robot_agent.vda5050.messages.versions import timestamp
 
 Message = dict[str, Any]

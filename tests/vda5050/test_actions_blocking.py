@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.tools.waiting import aio, eventually
+from tests.asynchronous import eventually
 from tests.vda5050.chassis_events import commands, statuses, together
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, edge, node, result_of, status_of
@@ -27,7 +27,6 @@ def pick(name: str, blocking: str) -> Message:
     return action("pick", name, blocking=blocking)
 
 
-@aio
 async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         passed = [lift("lift", "NONE")]
@@ -47,7 +46,6 @@ async def test_an_action_that_blocks_nothing_runs_while_the_robot_drives(site: S
     assert statuses(site.recorder, "lift") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
 
 
-@aio
 async def test_soft_actions_for_which_the_robot_has_one_action_follow_each_other(
     site: Site,
 ) -> None:
@@ -60,7 +58,6 @@ async def test_soft_actions_for_which_the_robot_has_one_action_follow_each_other
     assert commands(site.chassis) == ["step_control execute"] * 2
 
 
-@aio
 async def test_soft_actions_run_together_and_hard_ones_alone(site: Site) -> None:
     soft = [lift("s1", "SOFT"), pick("s2", "SOFT")]
     hard = [lift("h1", "HARD", 0.0), action("drop", "h2", blocking="HARD")]
@@ -79,7 +76,6 @@ async def test_soft_actions_run_together_and_hard_ones_alone(site: Site) -> None
         assert not together(site.recorder, alone)
 
 
-@aio
 async def test_an_instant_action_stops_a_drive_only_if_it_blocks(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START), node("b", 2, -9.0, -2.0), node("c", 4, 9.0, 7.0)])
@@ -95,7 +91,6 @@ async def test_an_instant_action_stops_a_drive_only_if_it_blocks(site: Site) -> 
     assert statuses(site.recorder, "soft") == ["WAITING", "INITIALIZING", "RUNNING", "FINISHED"]
 
 
-@aio
 async def test_a_hard_instant_action_and_those_of_the_order_wait_for_each_other(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         first, last = lift("first", "NONE"), action("drop", "last", blocking="SOFT")
@@ -111,7 +106,6 @@ async def test_a_hard_instant_action_and_those_of_the_order_wait_for_each_other(
     assert not together(site.recorder, ["step", "last"])
 
 
-@aio
 async def test_control_actions_wait_for_nothing(site: Site) -> None:
     async with site.online() as master:
         slow = action("step", "step", blocking="HARD", distance=1.0, speed=0.02)
@@ -125,7 +119,6 @@ async def test_control_actions_wait_for_nothing(site: Site) -> None:
         assert status_of(ended, "step") == "FAILED"
 
 
-@aio
 async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
     async with site.online() as master:
         a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)
@@ -146,7 +139,6 @@ async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
     assert site.chassis.state.column < 0.2
 
 
-@aio
 async def test_an_action_of_an_edge_waits_for_the_end_of_that_of_the_edge_before(
     site: Site,
 ) -> None:
@@ -161,7 +153,6 @@ async def test_an_action_of_an_edge_waits_for_the_end_of_that_of_the_edge_before
         assert site.chassis.state.column == pytest.approx(0.02)
 
 
-@aio
 async def test_a_cancelled_order_ends_when_the_action_of_an_edge_has_ended(site: Site) -> None:
     async with site.online(timing=Timing(repeat_after=0.2)) as master:
         a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)
@@ -180,7 +171,6 @@ async def test_a_cancelled_order_ends_when_the_action_of_an_edge_has_ended(site:
         assert status_of(ended, "lift") == "FAILED"
 
 
-@aio
 async def test_the_work_for_many_actions_grows_with_their_number(
     site: Site, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

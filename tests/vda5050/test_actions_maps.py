@@ -13,7 +13,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from tests.tools.waiting import aio, eventually
+from tests.asynchronous import eventually
 from tests.vda5050.chassis_events import received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
@@ -81,7 +81,6 @@ def maps(state: Message) -> dict[str, tuple[str, str]]:
     }
 
 
-@aio
 async def test_maps_are_listed_enabled_and_deleted(site: Site) -> None:
     site.chassis.intercept(  # no push of a pose on the new map, because the robot stands
         lambda out: [] if out.type == full_name(PoseSpeed) and not out.request else [out]
@@ -127,7 +126,6 @@ async def test_maps_are_listed_enabled_and_deleted(site: Site) -> None:
     ]
 
 
-@aio
 async def test_a_position_on_another_map_is_initialised(site: Site) -> None:
     async with site.online() as master:
         pose = {"x": 1.0, "y": 2.0, "theta": 0.5}
@@ -159,7 +157,6 @@ async def test_a_position_on_another_map_is_initialised(site: Site) -> None:
     assert site.chassis.counts[full_name(InitRobot)] == 2
 
 
-@aio
 async def test_an_order_goes_on_when_the_robot_has_reported_its_pose_on_the_map(site: Site) -> None:
     late: list[Release] = []
 
@@ -181,7 +178,6 @@ async def test_an_order_goes_on_when_the_robot_has_reported_its_pose_on_the_map(
         await master.reached("b")
 
 
-@aio
 async def test_a_drive_is_not_disturbed_by_a_new_position_or_map(site: Site) -> None:
     async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, -9.0, -2.0), node("c", 4, 9.0, 7.0)])
@@ -200,7 +196,6 @@ async def test_a_drive_is_not_disturbed_by_a_new_position_or_map(site: Site) -> 
     )
 
 
-@aio
 async def test_a_map_is_downloaded(site: Site, server: str) -> None:
     shed = {"mapId": "shed", "mapVersion": "4", "mapDownloadLink": f"{server}/shed.zip"}
     digest = hashlib.sha256(SHED).hexdigest()
@@ -230,14 +225,12 @@ async def test_a_map_is_downloaded(site: Site, server: str) -> None:
     assert site.chassis.counts[full_name(Upload)] == 2
 
 
-@aio
 async def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:
     with pytest.raises(ActionFailedError, match="cannot be fetched"):
         await fetch(f"{server}/away")
     assert await fetch(f"{server}/shed.zip", hashlib.md5(SHED).hexdigest().upper()) == SHED
 
 
-@aio
 async def test_a_download_does_not_take_for_ever(server: str) -> None:
     with pytest.raises(ActionFailedError, match="takes too long"):
         await fetch(f"{server}/slow.zip", max_duration=0.2)

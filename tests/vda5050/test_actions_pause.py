@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import set_speed
-from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, statuses
 from tests.vda5050.conftest import AT_ONCE, ORDER, Site, left_by_a_kill
@@ -34,7 +34,6 @@ from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050.robot.link import Timing
 
 
-@aio
 async def test_a_drive_is_paused_and_resumed(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
@@ -59,7 +58,6 @@ async def test_a_drive_is_paused_and_resumed(site: Site) -> None:
         assert statuses(site.recorder, name)[-2:] == ["RUNNING", "FINISHED"]
 
 
-@aio
 async def test_a_pause_before_an_order_holds_it_back(site: Site) -> None:
     async with site.online() as master:
         master.instant(action("startPause", "p"))
@@ -77,7 +75,6 @@ async def test_a_pause_before_an_order_holds_it_back(site: Site) -> None:
     assert commands(site.chassis) == ["step_control execute", "drive"]
 
 
-@aio
 async def test_a_pause_also_pauses_what_the_robot_moves(site: Site) -> None:
     """In version 2.1, a paused action is reported as running."""
     async with site.online(limits=AT_ONCE) as master:
@@ -97,7 +94,6 @@ async def test_a_pause_also_pauses_what_the_robot_moves(site: Site) -> None:
     assert statuses(site.recorder, "step")[-2:] == ["RUNNING", "FINISHED"]
 
 
-@aio
 async def test_an_action_that_comes_together_with_a_pause_waits_for_its_end(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         lift = action("liftTo", "lift", blocking="NONE", height=0.1)
@@ -110,7 +106,6 @@ async def test_an_action_that_comes_together_with_a_pause_waits_for_its_end(site
     assert commands(site.chassis) == ["lift_control3 execute"]
 
 
-@aio
 async def test_stop_pause_also_ends_a_pause_from_elsewhere(site: Site) -> None:
     async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
@@ -123,7 +118,6 @@ async def test_stop_pause_also_ends_a_pause_from_elsewhere(site: Site) -> None:
     assert commands(site.chassis) == ["drive", "continue"]
 
 
-@aio
 async def test_cancel_order_stops_the_drive_and_ends_the_actions(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         lift = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
@@ -172,7 +166,6 @@ def at_the_end(master: Master, action_id: str) -> Message:
     return next(state for state in states if status_of(state, action_id) == "FINISHED")
 
 
-@aio
 @pytest.mark.parametrize("by_step", [False, True], ids=["of an order", "of a step"])
 async def test_a_pause_is_finished_when_the_robot_stands(site: Site, by_step: bool) -> None:
     async with site.online(limits=AT_ONCE) as master:
@@ -184,7 +177,6 @@ async def test_a_pause_is_finished_when_the_robot_stands(site: Site, by_step: bo
     assert (state["paused"], state["driving"]) == (True, False)
 
 
-@aio
 async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_same_state(
     site: Site,
 ) -> None:
@@ -203,7 +195,6 @@ async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_sa
     assert {nodes_left(each) for each in before} == {"b"}
 
 
-@aio
 async def test_a_robot_that_does_not_report_its_standstill_is_asked(site: Site) -> None:
     def without_standstill(frame: Outgoing) -> list[Outgoing]:
         twist = frame.body.twist if isinstance(frame.body, PoseSpeed) else None
@@ -220,7 +211,6 @@ async def test_a_robot_that_does_not_report_its_standstill_is_asked(site: Site) 
     assert not at_the_end(master, "c")["driving"]
 
 
-@aio
 async def test_a_blocking_instant_action_begins_when_the_robot_stands(site: Site) -> None:
     speeds: list[float] = []
     simulator = site.chassis.call(lambda simulator: simulator)
@@ -251,7 +241,6 @@ async def killed_while_refused(site: Site, master: Master, folder: Path, kind: s
     return left
 
 
-@aio
 async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_restart(
     site: Site, tmp_path: Path
 ) -> None:
@@ -265,7 +254,6 @@ async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_resta
             assert (ended["nodeStates"], ended["errors"]) == ([], [])
 
 
-@aio
 async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_obeys(
     site: Site,
 ) -> None:
@@ -292,7 +280,6 @@ async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_
     assert sent[-1] == "continue"
 
 
-@aio
 async def test_a_pause_of_a_step_that_the_robot_refuses_is_sent_until_the_robot_obeys(
     site: Site,
 ) -> None:
@@ -308,7 +295,6 @@ async def test_a_pause_of_a_step_that_the_robot_refuses_is_sent_until_the_robot_
         assert status_of(master.state, "step") == "RUNNING"
 
 
-@aio
 async def test_a_pause_that_the_robot_refuses_before_it_drives_is_sent_when_it_drives(
     broker: Mosquitto, recorder: Recorder
 ) -> None:
@@ -328,7 +314,6 @@ async def test_a_pause_that_the_robot_refuses_before_it_drives_is_sent_when_it_d
         assert commands(chassis)[-2:] == ["pause", "pause"]
 
 
-@aio
 async def test_an_action_that_the_robot_does_not_resume_stays_paused_until_it_does(
     site: Site,
 ) -> None:
@@ -349,7 +334,6 @@ async def test_an_action_that_the_robot_does_not_resume_stays_paused_until_it_do
         await master.status("step", "FINISHED")
 
 
-@aio
 async def test_a_pause_is_not_finished_by_what_was_reported_before_the_link_was_lost(
     site: Site,
 ) -> None:
@@ -366,7 +350,6 @@ async def test_a_pause_is_not_finished_by_what_was_reported_before_the_link_was_
     assert commands(site.chassis) == ["drive", "pause"]
 
 
-@aio
 async def test_a_stop_pause_without_a_link_does_not_fail_before_it_is_carried_out(
     site: Site,
 ) -> None:
@@ -386,7 +369,6 @@ async def test_a_stop_pause_without_a_link_does_not_fail_before_it_is_carried_ou
     assert statuses(site.recorder, "s")[-1] == "FINISHED"
 
 
-@aio
 async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
     broker: Mosquitto, recorder: Recorder
 ) -> None:
@@ -410,7 +392,6 @@ async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
         assert commands(chassis)[-1] == "continue"
 
 
-@aio
 async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(site: Site) -> None:
     async with site.online() as master, site.other_client() as gate:
         await site.drive(master)
@@ -421,7 +402,6 @@ async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(site: Site) -> 
         await master.wait_state(lambda state: state["paused"] and not state["driving"])
 
 
-@aio
 async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
         left = await killed_while_refused(site, master, tmp_path / "state", "startPause")
@@ -432,7 +412,6 @@ async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(site: Site, tmp_p
             assert nodes_left(paused) == "b"
 
 
-@aio
 async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action_runs(
     site: Site, tmp_path: Path
 ) -> None:
@@ -457,7 +436,6 @@ async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action
     assert sorted(sent[3:]) == ["cancel", "lift_control3 cancel"]
 
 
-@aio
 async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(site: Site) -> None:
     async with site.online() as master:
         set_speed(site.chassis, 1.0)
@@ -471,7 +449,6 @@ async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(site: Si
     assert commands(site.chassis) == ["step_control execute", "step_control pause"]
 
 
-@aio
 async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(site: Site) -> None:
     async with site.online(timing=Timing(repeat_after=0.5)) as master:
         set_speed(site.chassis, 1.0)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import edit_bodies, set_speed
-from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
@@ -27,7 +27,6 @@ from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 
-@aio
 async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> None:
     site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
     async with site.online(limits=AT_ONCE) as master:
@@ -50,7 +49,6 @@ async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> N
     assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
 
 
-@aio
 async def test_charging_ends_although_the_robot_has_just_confirmed_it(
     broker: Mosquitto, recorder: Recorder
 ) -> None:
@@ -83,7 +81,6 @@ async def test_charging_ends_although_the_robot_has_just_confirmed_it(
             assert commands(chassis)[2:] == ["cancel", "charge_control execute"]
 
 
-@aio
 async def test_a_robot_that_was_taken_from_its_charger_without_a_link_does_not_go_on(
     site: Site,
 ) -> None:
@@ -105,7 +102,6 @@ async def test_a_robot_that_was_taken_from_its_charger_without_a_link_does_not_g
     assert commands(site.chassis) == ["drive", "charge C1"]
 
 
-@aio
 async def test_a_pause_while_the_robot_is_asked_for_its_chargers_holds_back_the_task(
     site: Site,
 ) -> None:
@@ -132,7 +128,6 @@ async def test_a_pause_while_the_robot_is_asked_for_its_chargers_holds_back_the_
     assert commands(site.chassis) == ["drive", "charge C1"]
 
 
-@aio
 async def test_charging_without_a_charger_fails(site: Site) -> None:
     async with site.online() as master:
         master.instant(
@@ -150,7 +145,6 @@ async def test_charging_without_a_charger_fails(site: Site) -> None:
     assert commands(site.chassis) == []
 
 
-@aio
 async def test_pick_and_drop_move_the_lift(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         pick = action("pick", "pick", stationType="floor", loadType="EPAL")
@@ -165,7 +159,6 @@ async def test_pick_and_drop_move_the_lift(site: Site) -> None:
     assert statuses(site.recorder, "pick")[-2:] == ["RUNNING", "FINISHED"]
 
 
-@aio
 async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(site: Site) -> None:
     async with site.online() as master:
         pick = action("pick", "pick", stationName="U5")
@@ -183,7 +176,6 @@ async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(site: Site) -> Non
     assert [each.direction for each in tasks] == [0, task.kFeeding, 0, task.kCutting]
 
 
-@aio
 async def test_the_robots_own_actions(site: Site) -> None:
     async with site.online() as master:
         before = site.chassis.state.pose
@@ -211,7 +203,6 @@ async def test_the_robots_own_actions(site: Site) -> None:
         assert turned == pytest.approx(-1.0, abs=0.01)
 
 
-@aio
 async def test_what_the_robot_refuses_fails_with_its_words(site: Site) -> None:
     async with site.online() as master:
         too_high = action("liftTo", "lift", height=1.5)
@@ -222,7 +213,6 @@ async def test_what_the_robot_refuses_fails_with_its_words(site: Site) -> None:
         await master.reached("b")
 
 
-@aio
 async def test_an_action_survives_a_lost_link_and_is_not_repeated(site: Site) -> None:
     async with site.online() as master:
         master.instant(action("step", "step", distance=0.6, speed=0.02))
@@ -232,7 +222,6 @@ async def test_an_action_survives_a_lost_link_and_is_not_repeated(site: Site) ->
     assert commands(site.chassis) == ["step_control execute"]
 
 
-@aio
 async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unknown(
     site: Site,
 ) -> None:
@@ -255,7 +244,6 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
     assert commands(site.chassis) == ["step_control execute"]
 
 
-@aio
 async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:
     folder = tmp_path / "reports"
     async with site.online(log_folder=folder) as master:
@@ -272,7 +260,6 @@ async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:
         assert "cannot be stored" in result_of(state, "full")
 
 
-@aio
 async def test_wrong_instant_actions_fail(site: Site) -> None:
     async with site.online() as master:
         master.instant(action("finePositioning", "no"), action("step", "far", distance=100.0))
@@ -288,7 +275,6 @@ async def test_wrong_instant_actions_fail(site: Site) -> None:
     assert commands(site.chassis) == []
 
 
-@aio
 async def test_the_factsheet_lists_exactly_the_supported_actions(site: Site) -> None:
     async with site.online() as master:
         listed = master.last("factsheet")["protocolFeatures"]["agvActions"]

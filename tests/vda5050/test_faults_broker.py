@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
-from tests.tools.waiting import TIMEOUT, aio, eventually
 from tests.vda5050.conftest import EXEC, LEG, Site
 from tests.vda5050.master import START, Master, action, error_types, node, nodes_left
 from tests.vda5050.programs import running_connector
@@ -28,7 +28,6 @@ from woosh_robot_agent.vda5050.reports import HeaderIds, Reports
 from woosh_robot_agent.vda5050.session import OtherConnectorDetector
 
 
-@aio
 async def test_what_is_released_is_finished_without_the_broker(site: Site) -> None:
     _, second, third = nodes = [
         node("a", 0, *START),
@@ -57,7 +56,6 @@ async def test_what_is_released_is_finished_without_the_broker(site: Site) -> No
     assert site.chassis.counts[EXEC] == 2
 
 
-@aio
 async def test_the_last_will_follows_the_message_that_the_vehicle_is_online(
     site: Site, tmp_path: Path
 ) -> None:
@@ -72,7 +70,6 @@ async def test_the_last_will_follows_the_message_that_the_vehicle_is_online(
         await eventually(lambda: late.last("connection") == broken)
 
 
-@aio
 async def test_a_broker_that_comes_later_is_found(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -85,7 +82,6 @@ async def test_a_broker_that_comes_later_is_found(
     assert caplog.text.count("check that the broker runs") == 1
 
 
-@aio
 async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -111,7 +107,6 @@ async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
     assert all(each.startswith("no connection to the broker") for each in said), said
 
 
-@aio
 async def test_a_connection_that_is_given_up_while_it_begins_is_closed() -> None:
     begun, ended = asyncio.Event(), asyncio.Event()
     received: list[bytes] = []
@@ -136,7 +131,6 @@ async def test_a_connection_that_is_given_up_while_it_begins_is_closed() -> None
     assert received[1] == disconnect
 
 
-@aio
 async def test_two_connectors_of_a_robot_are_detected(site: Site) -> None:
     async with site.online(gone_after=5.0) as master:
         async with site.vehicle(gone_after=5.0):
@@ -163,7 +157,6 @@ def reports_with(header_ids: HeaderIds) -> tuple[Reports, MqttConnection]:
     return reports, mqtt
 
 
-@aio
 async def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect() -> None:
     reports, mqtt = reports_with(HeaderIds())
     # the broker may publish the will of an attempt whose answer was lost
@@ -175,7 +168,6 @@ async def test_a_vehicle_knows_its_last_will_however_often_it_tries_to_connect()
     assert not reports.is_own_connection(b"{}")
 
 
-@aio
 async def test_a_second_online_leaves_the_header_id_to_the_last_will() -> None:
     reports, mqtt = reports_with(HeaderIds())
     published = [reports.last_will()]
@@ -187,7 +179,6 @@ async def test_a_second_online_leaves_the_header_id_to_the_last_will() -> None:
     assert len(set(ids)) == 3, ids
 
 
-@aio
 async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart() -> None:
     saved: dict[str, int] = {}
     ids = HeaderIds(saved, saved.update)
@@ -201,7 +192,6 @@ async def test_a_last_will_that_was_published_keeps_its_header_id_over_a_restart
     assert saved["connection"] > will["headerId"]
 
 
-@aio
 async def test_another_connector_whose_end_was_missed_is_gone_after_a_while() -> None:
     other = OtherConnectorDetector(lambda payload: False, lambda: None, gone_after=0.0)
     other.connected()
@@ -215,7 +205,6 @@ def test_topics_that_the_vehicle_may_not_read_are_found() -> None:
     assert refused_topics(["order", "instantActions"], [0, 0x80]) == ["instantActions"]
 
 
-@aio
 async def test_an_order_that_came_while_the_connector_was_suspended_is_not_driven(
     site: Site, tmp_path: Path
 ) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config, set_speed
-from tests.tools.waiting import aio, eventually
 from tests.vda5050.conftest import EXEC, ORDER, Site, scene_with_start
 from tests.vda5050.master import (
     START,
@@ -59,7 +59,6 @@ def is_connected(state: Message) -> bool:
     return "robotConnectionError" not in error_types(state)
 
 
-@aio
 @pytest.mark.parametrize("arrives", [False, True], ids=["it drives", "it has arrived"])
 async def test_an_order_goes_on_after_a_lost_link(site: Site, arrives: bool) -> None:
     async with site.online() as master:
@@ -77,7 +76,6 @@ async def test_an_order_goes_on_after_a_lost_link(site: Site, arrives: bool) -> 
     assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Site) -> None:
     async with site.online() as master:
         async with site.without_link(master):
@@ -90,7 +88,6 @@ async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Si
     assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(site: Site) -> None:
     async with site.online() as master:
         first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
@@ -104,7 +101,6 @@ async def test_an_order_does_not_go_on_if_the_robot_was_moved_without_a_link(sit
     assert site.chassis.counts[EXEC] == 0
 
 
-@aio
 @pytest.mark.parametrize("x", [6.0, 7.0], ids=["on a node", "between two nodes"])
 async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
     site: Site, restart: Restart, tmp_path: Path, x: float
@@ -129,7 +125,6 @@ async def test_a_robot_that_restarts_elsewhere_has_passed_no_node(
         assert restarted.state.spoken == ()
 
 
-@aio
 async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(
     site: Site, restart: Restart, tmp_path: Path
 ) -> None:
@@ -147,7 +142,6 @@ async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_
         assert restarted.counts[EXEC] == 0
 
 
-@aio
 async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_known_to_drive_on(
     site: Site,
 ) -> None:
@@ -165,7 +159,6 @@ async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_kn
         assert nodes_left(state) == "d"
 
 
-@aio
 async def test_a_start_without_an_answer_is_found_out_and_not_repeated(site: Site) -> None:
     site.chassis.mute(EXEC)
     timing = Timing(minimum_timeouts={})
@@ -191,7 +184,6 @@ def hide_tasks(chassis: SimulatorThread) -> Callable[[], None]:
     return chassis.intercept(without_tasks)
 
 
-@aio
 @pytest.mark.parametrize("begun", [True, False])
 async def test_a_task_that_the_robot_drops_without_a_report_is_an_error(
     site: Site, monkeypatch: pytest.MonkeyPatch, begun: bool
@@ -210,7 +202,6 @@ async def test_a_task_that_the_robot_drops_without_a_report_is_an_error(
     assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -242,7 +233,6 @@ def hide_actions(chassis: SimulatorThread, answer: Feedbacks) -> None:
     chassis.intercept(without_actions)
 
 
-@aio
 @pytest.mark.parametrize("begun", [True, False])
 async def test_an_action_that_the_robot_drops_without_a_report_fails(
     site: Site, monkeypatch: pytest.MonkeyPatch, begun: bool
@@ -258,7 +248,6 @@ async def test_an_action_that_the_robot_drops_without_a_report_fails(
         assert "does not tell how it ended" in result_of(state, "step")
 
 
-@aio
 async def test_the_end_of_an_earlier_action_does_not_end_the_next_one(site: Site) -> None:
     async with site.online() as master:
         master.instant(action("step", "first", distance=0.2))
@@ -271,7 +260,6 @@ async def test_the_end_of_an_earlier_action_does_not_end_the_next_one(site: Site
         await master.status("next", "FAILED")
 
 
-@aio
 async def test_a_cancel_is_repeated_until_the_robot_obeys(site: Site) -> None:
     async with site.online() as master:
         await site.drive(master)
@@ -287,7 +275,6 @@ async def test_a_cancel_is_repeated_until_the_robot_obeys(site: Site) -> None:
     assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 async def test_a_cancel_without_a_link_is_carried_out_later(site: Site) -> None:
     async with site.online() as master:
         await site.drive(master)
@@ -301,7 +288,6 @@ async def test_a_cancel_without_a_link_is_carried_out_later(site: Site) -> None:
     assert site.chassis.state.pose.x < 7.9
 
 
-@aio
 async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(site: Site) -> None:
     set_speed(site.chassis, 1.0)
     async with site.online() as master:
@@ -320,7 +306,6 @@ async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(site
         assert state["errors"] == []
 
 
-@aio
 async def test_another_robot_at_the_address_is_refused(site: Site, restart: Restart) -> None:
     async with site.online() as master:
         await site.drive(master)
@@ -338,7 +323,6 @@ async def test_another_robot_at_the_address_is_refused(site: Site, restart: Rest
     assert {message["serialNumber"] for message in site.recorder.sent("connection")} == {"30001"}
 
 
-@aio
 async def test_the_order_of_another_robot_is_dropped_after_a_restart(
     site: Site, restart: Restart, tmp_path: Path
 ) -> None:
@@ -352,7 +336,6 @@ async def test_the_order_of_another_robot_is_dropped_after_a_restart(
     assert replacement.counts[EXEC] == 0
 
 
-@aio
 async def test_marks_that_the_robot_did_not_send_are_requested_again(site: Site) -> None:
     site.chassis.mute(SCENE_DATA)
     timing = Timing(ask_again_after=0.1, minimum_timeouts={})

@@ -13,7 +13,7 @@ import aiomqtt
 import paho.mqtt.publish as publish
 import pytest
 
-from tests.tools.waiting import aio, eventually
+from tests.asynchronous import eventually
 from tests.vda5050.conftest import EXEC, Site
 from tests.vda5050.master import (
     START,
@@ -68,7 +68,6 @@ RUBBISH = {
 }
 
 
-@aio
 async def test_rubbish_is_rejected_and_does_no_harm(site: Site) -> None:
     async with site.online() as master:
         for index, (name, payload) in enumerate(RUBBISH.items()):
@@ -97,7 +96,6 @@ def test_another_encoding_is_named_and_a_byte_order_mark_is_ignored() -> None:
     assert read.id == "Auftrag f\u00fcr \u6728"
 
 
-@aio
 async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_other(
     site: Site,
 ) -> None:
@@ -113,7 +111,6 @@ async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_othe
         assert error_types(state) == ["noRouteError"]
 
 
-@aio
 async def test_duplicates_and_old_updates_change_nothing(site: Site) -> None:
     _, second, third = nodes = [
         node("a", 0, *START),
@@ -139,7 +136,6 @@ async def test_duplicates_and_old_updates_change_nothing(site: Site) -> None:
     assert site.chassis.counts[EXEC] == 2
 
 
-@aio
 async def test_retained_messages_of_the_master_control_are_ignored(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -164,7 +160,6 @@ async def test_retained_messages_of_the_master_control_are_ignored(
             assert not state["errors"]
 
 
-@aio
 async def test_a_flood_of_messages_does_not_stop_the_vehicle(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -191,7 +186,6 @@ async def test_a_flood_of_messages_does_not_stop_the_vehicle(
     assert len(caplog.text) < 200_000
 
 
-@aio
 async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart(
     site: Site, tmp_path: Path
 ) -> None:
@@ -213,7 +207,6 @@ async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart
     assert site.chassis.state.spoken == ("once",)
 
 
-@aio
 async def test_a_request_with_the_id_of_a_former_one_is_performed_again(
     site: Site, tmp_path: Path
 ) -> None:

@@ -59,18 +59,6 @@ def test_an_action_that_ran_has_failed_and_stops_the_order_if_it_forbids_driving
     assert after.error.type == ErrorType.INTERRUPTED.value
 
 
-def test_an_action_that_only_waited_starts_after_the_restart() -> None:
-    machine = arrived()
-    machine.poll()
-    machine.action_changed("lift", ActionStatus.WAITING)  # e.g. for the end of another action
-    after = restarted(machine)
-    assert after.error is None
-    after.moved(at(1.0))
-    assert [each.action.id for each in after.poll() if isinstance(each, Perform)] == ["lift"]
-    after.action_changed("lift", ActionStatus.FINISHED)
-    assert after.error is None
-
-
 def test_a_triggered_action_starts_only_where_its_node_is() -> None:
     machine = arrived()
     after = restarted(machine)

@@ -8,8 +8,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import set_speed
-from tests.tools.waiting import aio, eventually
 from tests.vda5050.conftest import EXEC, ORDER, Site, task_to
 from tests.vda5050.master import (
     START,
@@ -29,7 +29,6 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 STRAIGHT = StepControl.Step(mode=StepControl.Step.kStraight, value=0.4, speed=0.02)
 
 
-@aio
 async def test_a_manual_mode_clears_the_order(site: Site) -> None:
     async with site.online() as master:
         await site.drive(master)
@@ -47,7 +46,6 @@ async def test_a_manual_mode_clears_the_order(site: Site) -> None:
         assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 @pytest.mark.parametrize("when", ["before", "after"])
 async def test_a_step_does_not_go_on_when_the_key_is_back_at_automatic(
     site: Site, when: str
@@ -71,7 +69,6 @@ async def test_a_step_does_not_go_on_when_the_key_is_back_at_automatic(
         assert site.chassis.state.pose == before
 
 
-@aio
 async def test_an_order_in_a_manual_mode_is_rejected(site: Site) -> None:
     async with site.online() as master:
         site.chassis.set_key_switch(True)
@@ -81,7 +78,6 @@ async def test_an_order_in_a_manual_mode_is_rejected(site: Site) -> None:
         assert state["orderId"] == ""
 
 
-@aio
 async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(site: Site) -> None:
     async with site.online() as master:
         await site.drive(master)
@@ -93,7 +89,6 @@ async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(site: 
         assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 async def test_a_task_that_somebody_cancels_is_an_error_and_not_repeated(site: Site) -> None:
     async with site.online() as master:
         await site.drive(master)
@@ -117,7 +112,6 @@ async def waiting_for(task: ExecTask, site: Site) -> AsyncIterator[Master]:
         yield master
 
 
-@aio
 async def test_an_order_waits_for_the_task_of_somebody_else(site: Site) -> None:
     async with waiting_for(task_to(4.3, -6.68), site) as master:
         assert site.chassis.counts[EXEC] == 1
@@ -127,7 +121,6 @@ async def test_an_order_waits_for_the_task_of_somebody_else(site: Site) -> None:
     assert site.chassis.counts[EXEC] == 2
 
 
-@aio
 async def test_an_order_waits_for_the_step_of_somebody_else_beside_an_own_action(
     site: Site,
 ) -> None:
@@ -143,7 +136,6 @@ async def test_an_order_waits_for_the_step_of_somebody_else_beside_an_own_action
         await master.reached("b")
 
 
-@aio
 async def test_an_order_with_a_running_action_waits_for_the_task_of_somebody_else(
     site: Site,
 ) -> None:
@@ -161,7 +153,6 @@ async def test_an_order_with_a_running_action_waits_for_the_task_of_somebody_els
         assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(site: Site) -> None:
     async with waiting_for(task_to(4.3, -6.68), site) as master:
         master.instant(action("cancelOrder", "cancel"))
@@ -173,21 +164,6 @@ async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(site: 
         assert site.chassis.state.info.task_proc.state == task_pb2.kCompleted
 
 
-@aio
-async def test_an_order_does_not_go_on_where_somebody_has_left_the_robot(site: Site) -> None:
-    async with site.online() as master, site.other_client() as gate:
-        first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
-        master.order([first, second | {"released": False}])
-        await master.accepted("order")
-        assert (await gate.request(task_to(5.5, -6.8))).ok
-        await eventually(lambda: abs(site.chassis.state.pose.x - 5.5) < 0.1)
-        await site.idle()
-        master.order([first, second], update=1)
-        await master.error("interruptedError")
-    assert site.chassis.counts[EXEC] == 1
-
-
-@aio
 async def test_a_charging_task_that_is_not_of_the_vehicle_is_named(site: Site) -> None:
     charge = ExecTask(task_id=77, type=task_pb2.kCharge, mark_no="C1")
     async with waiting_for(charge, site) as master:
@@ -197,7 +173,6 @@ async def test_a_charging_task_that_is_not_of_the_vehicle_is_named(site: Site) -
         await master.reached("b")
 
 
-@aio
 async def test_the_last_node_is_forgotten_when_people_move_the_robot_away(site: Site) -> None:
     async with site.online() as master:
         master.order([node("a", 0, *START)])
@@ -209,7 +184,6 @@ async def test_the_last_node_is_forgotten_when_people_move_the_robot_away(site: 
         await master.reached("")
 
 
-@aio
 async def test_an_action_that_does_not_drive_hides_no_move(site: Site) -> None:
     async with site.online() as master:
         first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)

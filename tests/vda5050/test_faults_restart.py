@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from google.protobuf.message import Message
 
+from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
-from tests.tools.waiting import TIMEOUT, aio, eventually
 from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import EXEC, Site, left_by_a_kill, task_to
 from tests.vda5050.master import START, Master, action, edge, error_types, node, nodes_left
@@ -55,7 +55,6 @@ async def killed_while_driving(site: Site, master: Master, folder: Path) -> Path
     return left
 
 
-@aio
 async def test_the_order_goes_on_after_kill_9(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
         with running_connector(site.chassis, site.broker.url, tmp_path):
@@ -77,7 +76,6 @@ async def test_the_order_goes_on_after_kill_9(site: Site, tmp_path: Path) -> Non
         assert all(before < after for before, after in pairwise(ids)), (topic, ids)
 
 
-@aio
 async def test_a_pause_survives_a_kill_and_a_second_one_while_it_is_restored(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,7 +109,6 @@ async def test_a_pause_survives_a_kill_and_a_second_one_while_it_is_restored(
         assert [each["id"] for each in record["instant_actions"]] == ["pause"]
 
 
-@aio
 async def test_the_order_goes_on_when_the_robot_has_arrived_meanwhile(
     site: Site, tmp_path: Path
 ) -> None:
@@ -125,7 +122,6 @@ async def test_the_order_goes_on_when_the_robot_has_arrived_meanwhile(
     assert site.chassis.counts[EXEC] == 2
 
 
-@aio
 async def test_a_task_that_was_cancelled_meanwhile_is_not_repeated(
     site: Site, tmp_path: Path
 ) -> None:
@@ -142,7 +138,6 @@ async def test_a_task_that_was_cancelled_meanwhile_is_not_repeated(
             assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
         first, second, third = NODES
@@ -163,7 +158,6 @@ async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(site: Site, tmp_p
             assert site.chassis.counts[EXEC] == 2
 
 
-@aio
 async def test_a_task_whose_start_was_not_answered_is_found_again(
     site: Site, tmp_path: Path
 ) -> None:
@@ -180,7 +174,6 @@ async def test_a_task_whose_start_was_not_answered_is_found_again(
     assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 async def test_a_task_that_was_never_sent_is_not_driven(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,7 +200,6 @@ async def test_a_task_that_was_never_sent_is_not_driven(
     assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 async def test_a_connector_that_is_killed_again_and_again_repeats_nothing(
     site: Site, tmp_path: Path
 ) -> None:
@@ -264,7 +256,6 @@ def saved_at_command(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     return watch
 
 
-@aio
 async def test_a_speed_limit_is_saved_before_the_robot_gets_it(
     site: Site, tmp_path: Path, saved_at_command: SavedAtCommand
 ) -> None:
@@ -277,7 +268,6 @@ async def test_a_speed_limit_is_saved_before_the_robot_gets_it(
     assert found[0]["speed_is_limited"]
 
 
-@aio
 async def test_an_action_is_saved_before_the_robot_begins_it(
     site: Site, tmp_path: Path, saved_at_command: SavedAtCommand
 ) -> None:
@@ -289,7 +279,6 @@ async def test_an_action_is_saved_before_the_robot_begins_it(
     assert found[0]["calls"] == [full_name(StepControl)]
 
 
-@aio
 async def test_a_finished_order_is_not_driven_again(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
         async with site.vehicle(state_folder=tmp_path):
@@ -306,7 +295,6 @@ async def test_a_finished_order_is_not_driven_again(site: Site, tmp_path: Path) 
     assert site.chassis.counts[EXEC] == 1
 
 
-@aio
 @pytest.mark.parametrize(
     "content",
     [b"", b"{", b"[]", b'{"order": 5}', b'{"order": {"leg_length": 1}}', b"[" * 100_000, b"\xff"],
@@ -325,7 +313,6 @@ async def test_a_damaged_file_is_reported_and_put_aside(
     assert saved(tmp_path)["order"]["order_id"] == "order"
 
 
-@aio
 async def test_an_action_that_waited_for_another_is_performed_after_a_kill(
     site: Site, tmp_path: Path
 ) -> None:
@@ -346,7 +333,6 @@ async def test_an_action_that_waited_for_another_is_performed_after_a_kill(
     assert site.chassis.state.spoken == ("hello",)
 
 
-@aio
 async def test_the_file_tells_that_an_action_begins_before_it_does(
     site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -365,7 +351,6 @@ async def test_the_file_tells_that_an_action_begins_before_it_does(
     assert found == ["INITIALIZING"]  # WAITING would be performed again after a kill
 
 
-@aio
 @pytest.mark.parametrize("kind", ["startPause", "cancelOrder"])
 @pytest.mark.parametrize("what", ["step", "pick"])
 async def test_what_an_action_has_begun_before_a_kill_is_stopped(
@@ -397,7 +382,6 @@ async def test_what_an_action_has_begun_before_a_kill_is_stopped(
     assert len(commands(site.chassis)) == (2 if what == "step" else 3)
 
 
-@aio
 async def test_a_charge_that_a_kill_interrupts_while_the_robot_docks_is_not_paused_later(
     site: Site, tmp_path: Path
 ) -> None:
@@ -420,7 +404,6 @@ async def test_a_charge_that_a_kill_interrupts_while_the_robot_docks_is_not_paus
     assert commands(site.chassis) == ["drive", "charge C1"]
 
 
-@aio
 async def test_a_second_connector_on_the_same_machine_stays_offline(
     site: Site, tmp_path: Path
 ) -> None:
@@ -434,7 +417,6 @@ async def test_a_second_connector_on_the_same_machine_stays_offline(
         assert len(site.recorder.sent("connection")) == 1
 
 
-@aio
 async def test_a_file_that_cannot_be_written_is_an_error_of_the_state(
     site: Site, tmp_path: Path
 ) -> None:

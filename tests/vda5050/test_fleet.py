@@ -15,9 +15,9 @@ from typing import Any
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config, set_speed
 from tests.tools.dashboard.pages import page
-from tests.tools.waiting import aio, eventually
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.conftest import Site, scene_with_start
 from tests.vda5050.master import START, Master, node
@@ -59,7 +59,6 @@ def running_fleet(
     return running(*arguments, *options, log=folder / "connector.log")
 
 
-@aio
 async def test_a_file_lists_the_robots_of_the_program(
     robots: list[SimulatorThread], broker: Mosquitto, recorder: Recorder, tmp_path: Path
 ) -> None:
@@ -83,7 +82,6 @@ async def test_a_file_lists_the_robots_of_the_program(
     assert "WARNING: r2: an order was rejected: the order has no node" in log
 
 
-@aio
 async def test_a_lost_robot_affects_only_its_own_vehicle(
     robots: list[SimulatorThread],
     broker: Mosquitto,
@@ -118,7 +116,6 @@ async def test_a_lost_robot_affects_only_its_own_vehicle(
     assert concerned <= {f"{SERIALS[0]}: ", "nowhere: "}, caplog.text
 
 
-@aio
 async def test_the_state_may_go_out_while_driving_and_without_maps(site: Site) -> None:
     set_speed(site.chassis, 2.0)
     limits = Limits(driving_state_interval=0.2, maps_in_state=False)
@@ -131,7 +128,6 @@ async def test_the_state_may_go_out_while_driving_and_without_maps(site: Site) -
     assert all("maps" not in state for state in states)
 
 
-@aio
 async def test_the_example_master_sends_vehicles_round_one_on_each_node(
     broker: Mosquitto, recorder: Recorder, tmp_path: Path
 ) -> None:
@@ -174,7 +170,6 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
                 assert serial == state["serialNumber"] or not nodes & others, held
 
 
-@aio
 async def test_the_page_shows_the_order_and_its_errors(
     robots: list[SimulatorThread], broker: Mosquitto, tmp_path: Path
 ) -> None:

@@ -9,7 +9,6 @@ import pytest
 from tests.vda5050.orders import Robot, action, at, given, path, place, references
 from woosh_robot_agent.vda5050.messages.order import BlockingType, Edge, NodePosition, Order
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorLevel, ErrorType, Position
-from woosh_robot_agent.vda5050.orders.structure import OrderKind
 
 
 def test_an_order_at_the_place_of_the_vehicle_is_accepted() -> None:
@@ -134,19 +133,6 @@ def test_an_old_update_is_rejected_and_the_order_goes_on() -> None:
     assert robot.machine.status.update_id == 3
     robot.arrive()
     assert robot.last == "b"
-
-
-@pytest.mark.parametrize("ended", [False, True])
-def test_a_repeated_order_is_ignored(ended: bool) -> None:
-    order = path("ab", actions={"b": [action("pick")]})
-    robot = given(order)
-    if ended:
-        robot.arrive()
-        robot.finish("pick")
-    before = robot.machine.status
-    assert robot.machine.receive(order) is OrderKind.KNOWN
-    assert robot.machine.status == before
-    assert robot.poll() == []
 
 
 def test_a_repeated_update_with_another_content_is_rejected() -> None:

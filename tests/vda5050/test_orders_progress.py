@@ -15,7 +15,6 @@ from woosh_robot_agent.vda5050.messages.order import (
     Trajectory,
 )
 from woosh_robot_agent.vda5050.messages.state import ErrorLevel, ErrorType
-from woosh_robot_agent.vda5050.orders.actions import count_startable
 from woosh_robot_agent.vda5050.orders.legs import Control, Drive, EndAction, Perform
 
 NONE, SINGLE, SOFT, HARD = BlockingType
@@ -248,13 +247,6 @@ def test_an_action_of_an_edge_that_could_not_start_fails_at_its_end() -> None:
     assert robot.actions == {"long": "INITIALIZING", "alone": "FAILED"}
 
 
-def test_the_vehicle_stops_at_the_end_of_the_base() -> None:
-    robot = given(path("ab", "cd"))
-    robot.arrive()
-    assert (robot.legs, robot.nodes) == (["b"], "CD")
-    assert robot.machine.busy
-
-
 def test_an_update_during_the_drive_is_driven_after_the_old_end_of_the_base() -> None:
     robot = given(path("ab", "cd"))
     robot.move(0.5)
@@ -485,19 +477,3 @@ def test_a_lost_link_is_no_reason_to_doubt_where_an_action_has_moved_the_vehicle
     robot.poll()
     robot.finish("step")
     assert robot.legs == ["b"]
-
-
-def test_the_actions_that_wait_are_not_compared_with_each_other(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    reads = 0
-
-    def excludes_actions(kind: BlockingType) -> bool:
-        nonlocal reads
-        reads += 1
-        return kind in (SINGLE, HARD)
-
-    monkeypatch.setattr(BlockingType, "excludes_actions", property(excludes_actions))
-    actions = [action(f"light {number}", NONE) for number in range(300)]
-    assert count_startable(actions[100:], actions[:100], driving=False) == 200
-    assert reads <= 3 * len(actions)

@@ -62,17 +62,6 @@ def test_where_the_vehicle_does_not_work_it_drives_to_the_position(actions: list
     assert with_b(place(1.0), actions).nodes[1].mark == ""
 
 
-def test_the_robot_drives_to_a_mark_by_a_task_of_its_own() -> None:
-    robot = given(with_b(None))
-    assert robot.legs == ["b"]
-    task = leg_task(robot.drives[0].leg, at(0.0))
-    assert task.mark_no == "b"
-    assert not task.HasField("plan_path")
-    assert not task.HasField("pose")
-    robot.arrive()
-    assert robot.legs == ["b", "c"]
-
-
 def test_a_leg_of_one_node_is_driven_to_its_pose() -> None:
     robot = given(path("ab", b=place(1.0, y=1.0, theta=0.5)))
     task = leg_task(robot.drives[0].leg, at(0.0))

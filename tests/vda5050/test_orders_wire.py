@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import edit_bodies, set_speed
-from tests.tools.waiting import aio, eventually
 from tests.vda5050.chassis_events import received
 from tests.vda5050.conftest import Site
 from tests.vda5050.master import (
@@ -48,7 +48,6 @@ def line(names: str, *, released: int, first: int = 0) -> list[Message]:
     ]
 
 
-@aio
 async def test_an_order_of_two_nodes_is_driven(site: Site) -> None:
     async with site.online() as master:
         assert master.state["orderId"] == ""
@@ -68,7 +67,6 @@ async def test_an_order_of_two_nodes_is_driven(site: Site) -> None:
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, -7.0, 0.5), abs=0.05)
 
 
-@aio
 async def test_the_connection_is_reported_and_the_factsheet_kept(site: Site) -> None:
     async with Master(site.broker.port) as master:
         async with site.vehicle():
@@ -83,7 +81,6 @@ async def test_the_connection_is_reported_and_the_factsheet_kept(site: Site) -> 
         assert late.last("connection")["connectionState"] == "OFFLINE"
 
 
-@aio
 async def test_the_example_of_the_standard_is_extended_while_it_is_driven(site: Site) -> None:
     """The order of figures 4 and 5 and its update, with the loop of six nodes laid on a line."""
     async with site.online() as master:
@@ -198,7 +195,6 @@ REJECTED: dict[str, tuple[Message, str, dict[str, str]]] = {
 }
 
 
-@aio
 async def test_what_the_vehicle_cannot_do_is_rejected_with_references(site: Site) -> None:
     async with site.online() as master:
         await eventually(lambda: master.last("factsheet"))
@@ -226,7 +222,6 @@ async def test_what_the_vehicle_cannot_do_is_rejected_with_references(site: Site
     assert len(received(site.chassis, ExecTask)) == 1
 
 
-@aio
 async def test_a_robot_that_does_not_know_its_position_takes_no_order(site: Site) -> None:
     async with site.online() as master:
         site.chassis.lose_localisation()
@@ -237,7 +232,6 @@ async def test_a_robot_that_does_not_know_its_position_takes_no_order(site: Site
         assert state["orderId"] == ""
 
 
-@aio
 async def test_an_order_goes_no_further_while_the_robot_is_on_no_map(site: Site) -> None:
     async with site.online() as master:
         first, second = node("a", 0, *START), node("b", 2, 6.0, -7.0)
@@ -264,7 +258,6 @@ async def test_an_order_goes_no_further_while_the_robot_is_on_no_map(site: Site)
         await master.reached("b")
 
 
-@aio
 async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(site: Site) -> None:
     async with site.online() as master:
         mark = {"nodeId": "K10", "sequenceId": 2, "released": True, "actions": []}
@@ -272,11 +265,11 @@ async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(site
         await master.reached("K10")
     (task,) = received(site.chassis, ExecTask)
     assert task.mark_no == "K10"
+    assert not task.HasField("plan_path")
     pose = site.chassis.state.pose
     assert (pose.x, pose.y) == pytest.approx((8.0, -4.0), abs=0.05)
 
 
-@aio
 async def test_speed_limits_are_sent_on_entering_an_edge(site: Site) -> None:
     async with site.online() as master:
         nodes = [node("a", 0, *START), node("b", 2, X + 3, Y), node("c", 4, X + 6, Y)]
@@ -288,7 +281,6 @@ async def test_speed_limits_are_sent_on_entering_an_edge(site: Site) -> None:
     assert [mode.max_speed for mode in modes] == pytest.approx([0.3, 1.2])
 
 
-@aio
 async def test_a_refused_speed_limit_ends_the_drive(site: Site) -> None:
     site.chassis.refuse("woosh.robot.ChangeNavMode", "not now")
     set_speed(site.chassis, 1.0)

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from tests.tools.waiting import aio, eventually
+from tests.asynchronous import eventually
 from tests.vda5050 import orders
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
@@ -97,7 +97,6 @@ def test_numbers_that_are_not_finite_are_left_out(bad: float) -> None:
     assert points([Pose2D(x=1.0, y=2.0), Pose2D(x=bad)]) == ((1.0, 2.0),)
 
 
-@aio
 async def test_a_condition_holds_or_the_wait_times_out() -> None:
     conditions = Conditions()
     assert not await conditions.wait(lambda: False, 0.01)
@@ -110,7 +109,6 @@ async def test_a_condition_holds_or_the_wait_times_out() -> None:
 
 
 @pytest.mark.parametrize("timeout", [None, 60.0])
-@aio
 async def test_a_cancel_at_the_moment_when_the_condition_holds_is_not_lost(
     timeout: float | None,
 ) -> None:
@@ -126,7 +124,6 @@ async def test_a_cancel_at_the_moment_when_the_condition_holds_is_not_lost(
         await waiting
 
 
-@aio
 async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:
     link = RobotLink(LinkConfig(), Timing(), *[lambda: None] * 3)
     execution = Execution(link, V2_1, action_types(V2_1))

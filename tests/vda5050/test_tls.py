@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.tools.waiting import aio, eventually
+from tests.asynchronous import eventually
 from tests.vda5050.broker import Mosquitto, free_port, mosquitto_path
 from tests.vda5050.certificates import Authority, openssl_path
 from tests.vda5050.conftest import Site
@@ -127,14 +127,12 @@ def client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
 @pytest.mark.parametrize(
     "login", [password_from_file, tls_and_password_from_environment, client_certificate]
 )
-@aio
 async def test_a_login(site: Site, tmp_path: Path, login: Login) -> None:
     config = login(site.broker, tmp_path)
     async with Master(site.broker.port) as master, site.vehicle(config):
         await master.online()
 
 
-@aio
 async def test_a_wrong_password_is_said_once_and_the_right_one_is_never_shown(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -191,7 +189,6 @@ def no_client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig
         (no_client_certificate, ()),
     ],
 )
-@aio
 async def test_without_the_right_certificates_there_is_no_connection(
     site: Site,
     tmp_path: Path,
@@ -205,7 +202,6 @@ async def test_without_the_right_certificates_there_is_no_connection(
     assert site.recorder.messages == []
 
 
-@aio
 async def test_a_vehicle_may_use_its_own_topics_only(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:

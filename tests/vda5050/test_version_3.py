@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from tests.quick_chassis import set_speed
-from tests.tools.waiting import aio
 from tests.vda5050.conftest import Site
 from tests.vda5050.fields import schema_fields
 from tests.vda5050.master import (
@@ -329,7 +328,6 @@ def test_a_zone_set_is_refused() -> None:
 # A vehicle
 
 
-@aio
 async def test_an_order_of_three_nodes_is_driven(site: Site) -> None:
     async with site.online(version=V3) as master:
         assert master.state["version"] == "3.0.0"
@@ -364,7 +362,6 @@ async def test_an_order_of_three_nodes_is_driven(site: Site) -> None:
     assert {name.split("/")[1] for name, _ in site.recorder.messages} == {"v3"}
 
 
-@aio
 async def test_rejections_have_the_predefined_errors(site: Site) -> None:
     async with site.online(version=V3) as master:
         nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
@@ -390,7 +387,6 @@ async def test_rejections_have_the_predefined_errors(site: Site) -> None:
         await master.error("OTHER_ORDER_ACTIVE")
 
 
-@aio
 async def test_instant_actions_stay_in_the_state_after_a_new_order(site: Site) -> None:
     async with site.online(version=V3) as master:
         master.instant(action("stateRequest", "ask"), action("fly", "no"))
@@ -408,7 +404,6 @@ async def test_instant_actions_stay_in_the_state_after_a_new_order(site: Site) -
         assert state["errors"] == []
 
 
-@aio
 async def test_the_option_chooses_the_version(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port, version="3.0.0") as master:
         with running_connector(site.chassis, site.broker.url, tmp_path, "--version", "3.0"):
@@ -440,7 +435,6 @@ def test_whole_numbers_with_a_decimal_point_are_integers(version: Version) -> No
     assert [type(each) for each in numbers] == [int] * 5
 
 
-@aio
 async def test_an_order_is_cleared_when_the_robot_loses_its_position(site: Site) -> None:
     async with site.online(version=V3) as master:
         nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]

@@ -12,7 +12,7 @@ from geometry_msgs.msg import Point, Twist
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Logs, RunningAgent, wait_until
+from tests.harness import Logs, Robot, wait_until
 from tests.node.goals import START, hurry, slow_down, task
 from tests.node.nav2.goals import (
     ABORTED,
@@ -28,42 +28,40 @@ from tests.node.nav2.goals import (
 from tests.node.test_parameters import change
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist as ChassisTwist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import PoseSpeed
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
-pytestmark = pytest.mark.usefixtures("agent")
 
 
-def last_step(simulator: SimulatorThread) -> Any:
-    commands = [each.message for each in simulator.received if type(each.message) is CallAction]
+def last_step(robot: Robot) -> Any:
+    commands = [each.message for each in robot.chassis.received if type(each.message) is CallAction]
     return commands[-1].step_control
 
 
-def moved(simulator: SimulatorThread) -> tuple[float, float]:
+def moved(robot: Robot) -> tuple[float, float]:
     """Return how far the robot is ahead of its initial pose, in metres, and turned, in radians."""
     x, y, theta = START
-    here = simulator.state.pose
+    here = robot.chassis.state.pose
     cos, sin = math.cos(theta), math.sin(theta)
     turned = math.remainder(here.theta - theta, math.tau)
     return cos * (here.x - x) + sin * (here.y - y), turned
 
 
-def test_a_spin_by_nothing_succeeds_at_once(client: Client, simulator: SimulatorThread) -> None:
-    assert Nav2Client(client, "spin", target_yaw=0.0).result()[0] == SUCCEEDED
-    assert simulator.counts["woosh.ros.CallAction"] == 0
+def test_a_spin_by_nothing_succeeds_at_once(robot: Robot) -> None:
+    assert Nav2Client(robot, "spin", target_yaw=0.0).result()[0] == SUCCEEDED
+    assert robot.chassis.counts["woosh.ros.CallAction"] == 0
 
 
 @pytest.mark.parametrize("angle", [1.5, -0.7, 4.0])
-def test_spin(client: Client, simulator: SimulatorThread, angle: float) -> None:
-    goal = Nav2Client(client, "spin", target_yaw=angle)
+def test_spin(robot: Robot, angle: float) -> None:
+    goal = Nav2Client(robot, "spin", target_yaw=angle)
     status, result = goal.result()
     assert (status, error_code(result)) == (SUCCEEDED, 0)
-    assert moved(simulator)[1] == pytest.approx(math.remainder(angle, math.tau), abs=0.01)
+    assert moved(robot)[1] == pytest.approx(math.remainder(angle, math.tau), abs=0.01)
     assert result.total_elapsed_time.nanosec or result.total_elapsed_time.sec
     angles = [each.angular_distance_traveled for each in goal.feedback.messages]
     assert angles[-1] == pytest.approx(angle, abs=abs(angle))
-    assert last_step(simulator).steps[0].speed == pytest.approx(0.8)
+    assert last_step(robot).steps[0].speed == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize(
@@ -76,20 +74,15 @@ def test_spin(client: Client, simulator: SimulatorThread, angle: float) -> None:
     ],
 )
 def test_straight_moves(
-    client: Client,
-    simulator: SimulatorThread,
-    name: str,
-    distance: float,
-    speed: float,
-    ahead: float,
+    robot: Robot, name: str, distance: float, speed: float, ahead: float
 ) -> None:
-    goal = step(client, name, distance, speed)
+    goal = step(robot, name, distance, speed)
     status, result = goal.result()
     assert (status, error_code(result)) == (SUCCEEDED, 0)
-    assert moved(simulator)[0] == pytest.approx(ahead, abs=0.01)
+    assert moved(robot)[0] == pytest.approx(ahead, abs=0.01)
     assert goal.feedback.messages[0].distance_traveled == pytest.approx(0.0, abs=0.05)
-    assert last_step(simulator).steps[0].speed == pytest.approx(abs(speed))
-    assert last_step(simulator).avoid == 0
+    assert last_step(robot).steps[0].speed == pytest.approx(abs(speed))
+    assert last_step(robot).avoid == 0
 
 
 @pytest.mark.parametrize(
@@ -104,64 +97,62 @@ def test_straight_moves(
         ("backup", Point(x=1e39), 0.2),  # infinite in the robot's 32 bits
     ],
 )
-def test_moves_that_are_not_possible(
-    client: Client, simulator: SimulatorThread, name: str, target: Point, speed: float
-) -> None:
-    Nav2Client(client, name, target=target, speed=speed).wait_aborted(code="INVALID_INPUT")
-    assert simulator.counts["woosh.ros.CallAction"] == 0
+def test_moves_that_are_not_possible(robot: Robot, name: str, target: Point, speed: float) -> None:
+    Nav2Client(robot, name, target=target, speed=speed).wait_aborted(code="INVALID_INPUT")
+    assert robot.chassis.counts["woosh.ros.CallAction"] == 0
 
 
-def test_speeds_obey_the_limits_of_cmd_vel(client: Client, simulator: SimulatorThread) -> None:
-    assert step(client, "backup", 0.1, 5.0).result()[0] == SUCCEEDED
-    assert last_step(simulator).steps[0].speed == 1.0
+def test_speeds_obey_the_limits_of_cmd_vel(robot: Robot) -> None:
+    assert step(robot, "backup", 0.1, 5.0).result()[0] == SUCCEEDED
+    assert last_step(robot).steps[0].speed == 1.0
 
 
 @pytest.mark.skipif(
     "disable_collision_checks" not in nav2_actions.Spin.Goal.get_fields_and_field_types(),
     reason="this release has no such field",
 )
-def test_disabled_collision_checks(client: Client, simulator: SimulatorThread) -> None:
+def test_disabled_collision_checks(robot: Robot) -> None:
     goal = Nav2Client(
-        client, "backup", target=Point(x=0.1), speed=0.1, disable_collision_checks=True
+        robot, "backup", target=Point(x=0.1), speed=0.1, disable_collision_checks=True
     )
     assert goal.result()[0] == SUCCEEDED
-    assert last_step(simulator).avoid == 1
+    assert last_step(robot).avoid == 1
 
 
-def test_the_time_allowance_ends_a_move(client: Client, simulator: SimulatorThread) -> None:
-    slow_down(simulator)
-    step(client, "drive_on_heading", 3.0, 0.1, allowance=1).wait_aborted(
+def test_the_time_allowance_ends_a_move(robot: Robot) -> None:
+    slow_down(robot.chassis)
+    step(robot, "drive_on_heading", 3.0, 0.1, allowance=1).wait_aborted(
         "time_allowance", code="TIMEOUT"
     )
-    assert stands(simulator)
-    assert 0.0 < moved(simulator)[0] < 1.0
+    assert stands(robot.chassis)
+    assert 0.0 < moved(robot)[0] < 1.0
 
 
-def test_a_move_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
-    slow_down(simulator)
-    goal = Nav2Client(client, "spin", target_yaw=50.0)
+def test_a_move_is_cancelled(robot: Robot) -> None:
+    slow_down(robot.chassis)
+    goal = Nav2Client(robot, "spin", target_yaw=50.0)
     goal.feedback.wait(lambda each: each.angular_distance_traveled > 0.3)
     goal.cancel()
     assert goal.result()[0] == CANCELED
-    assert stands(simulator)
+    assert stands(robot.chassis)
 
 
-def test_a_new_move_stops_the_running_one(client: Client, simulator: SimulatorThread) -> None:
-    slow_down(simulator)
-    first = Nav2Client(client, "spin", target_yaw=50.0)
+def test_a_new_move_stops_the_running_one(robot: Robot) -> None:
+    slow_down(robot.chassis)
+    first = Nav2Client(robot, "spin", target_yaw=50.0)
     first.feedback.wait(lambda each: each.angular_distance_traveled > 0.1)
-    second = Nav2Client(client, "spin", target_yaw=-0.2)
+    second = Nav2Client(robot, "spin", target_yaw=-0.2)
     assert first.result()[0] == ABORTED
     assert second.result()[0] == SUCCEEDED
 
 
-def test_an_obstacle_aborts_a_move(client: Client, simulator: SimulatorThread) -> None:
-    simulator.inject("obstacle", ahead=1.0)
-    step(client, "drive_on_heading", 2.0, 0.5).wait_aborted("obstacle", code="UNKNOWN")
+def test_an_obstacle_aborts_a_move(robot: Robot) -> None:
+    robot.chassis.inject("obstacle", ahead=1.0)
+    step(robot, "drive_on_heading", 2.0, 0.5).wait_aborted("obstacle", code="UNKNOWN")
 
 
-def test_wait(client: Client) -> None:
-    goal = Nav2Client(client, "wait", time=Duration(nanosec=300_000_000))
+def test_wait(robot: Robot) -> None:
+    goal = Nav2Client(robot, "wait", time=Duration(nanosec=300_000_000))
     status, result = goal.result()
     assert status == SUCCEEDED
     assert result.total_elapsed_time.nanosec >= 300_000_000
@@ -169,18 +160,16 @@ def test_wait(client: Client) -> None:
     assert left == sorted(left, reverse=True)
 
 
-def test_waiting_and_driving_do_not_disturb_each_other(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    slow_down(simulator)
-    drive = go(client, 3.0)
-    wait = Nav2Client(client, "wait", time=Duration(sec=100))
-    other = Nav2Client(client, "wait", time=Duration(nanosec=1))
+def test_waiting_and_driving_do_not_disturb_each_other(robot: Robot) -> None:
+    slow_down(robot.chassis)
+    drive = go(robot, 3.0)
+    wait = Nav2Client(robot, "wait", time=Duration(sec=100))
+    other = Nav2Client(robot, "wait", time=Duration(nanosec=1))
     assert wait.result()[0] == ABORTED
     assert other.result()[0] == SUCCEEDED
-    hurry(simulator)
+    hurry(robot.chassis)
     assert drive.result()[0] == SUCCEEDED
-    wait = Nav2Client(client, "wait", time=Duration(sec=100))
+    wait = Nav2Client(robot, "wait", time=Duration(sec=100))
     wait.feedback.wait(lambda _: True)
     wait.cancel()
     assert wait.result()[0] == CANCELED
@@ -188,67 +177,65 @@ def test_waiting_and_driving_do_not_disturb_each_other(
 
 class TestAssistedTeleop:
     @pytest.fixture
-    def velocities(self, client: Client) -> Any:
+    def velocities(self, robot: Robot) -> Any:
         """Publisher of velocities, known to the agent."""
-        return client.publisher(Twist, "cmd_vel_teleop")
+        return robot.publisher(Twist, "cmd_vel_teleop")
 
-    def drive(self, velocities: Any, simulator: SimulatorThread, axis: str = "x") -> None:
+    def drive(self, velocities: Any, robot: Robot, axis: str = "x") -> None:
         """Publish velocities until the robot drives."""
         velocity = Twist()
         setattr(velocity.linear, axis, 0.3)
 
         def drives() -> bool:
             velocities.publish(velocity)
-            return not stands(simulator)
+            return not stands(robot.chassis)
 
         wait_until(drives, "the robot drives")
 
     def test_it_drives_by_velocities_until_it_is_cancelled(
-        self, client: Client, simulator: SimulatorThread, velocities: Any
+        self, robot: Robot, velocities: Any
     ) -> None:
-        goal = Nav2Client(client, "assisted_teleop")
-        self.drive(velocities, simulator)
+        goal = Nav2Client(robot, "assisted_teleop")
+        self.drive(velocities, robot)
         goal.feedback.wait(lambda each: each.current_teleop_duration.nanosec)
         goal.cancel()
         assert goal.result()[0] == CANCELED
-        assert stands(simulator)
+        assert stands(robot.chassis)
 
     @pytest.mark.parametrize("axis", ["x", "y"])
     def test_it_ends_only_when_a_robot_that_rolls_on_stands(
-        self, client: Client, simulator: SimulatorThread, velocities: Any, axis: str
+        self, robot: Robot, velocities: Any, axis: str
     ) -> None:
         """PoseSpeed has no sideways speed, so only the poses tell of that."""
 
         def roll_on(base: Any) -> None:
             base._rolls_for, base._stops_below = 0.3, 0.02
 
-        slow_down(simulator)
-        simulator.call(lambda sim: roll_on(sim.chassis.base))
-        poses = client.echo(PoseSpeed, "robot/PoseSpeed")
-        goal = Nav2Client(client, "assisted_teleop")
-        self.drive(velocities, simulator, axis)
+        slow_down(robot.chassis)
+        robot.chassis.call(lambda sim: roll_on(sim.chassis.base))
+        poses = robot.echo(PoseSpeed, "robot/PoseSpeed")
+        goal = Nav2Client(robot, "assisted_teleop")
+        self.drive(velocities, robot, axis)
         poses.wait_count(len(poses.messages) + 2)
         goal.cancel()
         assert goal.result()[0] == CANCELED
-        assert stands(simulator)
+        assert stands(robot.chassis)
 
-    def test_without_a_goal_velocities_move_nothing(
-        self, client: Client, simulator: SimulatorThread, velocities: Any
-    ) -> None:
+    def test_without_a_goal_velocities_move_nothing(self, robot: Robot, velocities: Any) -> None:
         velocity = Twist()
         velocity.linear.x = 0.3
         for _ in range(10):
             velocities.publish(velocity)
-        assert Nav2Client(client, "wait").result()[0] == SUCCEEDED
-        assert ChassisTwist.DESCRIPTOR.full_name not in simulator.counts
+        assert Nav2Client(robot, "wait").result()[0] == SUCCEEDED
+        assert ChassisTwist.DESCRIPTOR.full_name not in robot.chassis.counts
 
-    def test_the_time_allowance_ends_it(self, client: Client) -> None:
-        goal = Nav2Client(client, "assisted_teleop", time_allowance=Duration(nanosec=200_000_000))
+    def test_the_time_allowance_ends_it(self, robot: Robot) -> None:
+        goal = Nav2Client(robot, "assisted_teleop", time_allowance=Duration(nanosec=200_000_000))
         goal.wait_aborted(code="TIMEOUT")
 
-    def test_preempt_teleop_ends_it_with_success(self, client: Client) -> None:
-        preempt = client.publisher(Empty, "preempt_teleop")
-        goal = Nav2Client(client, "assisted_teleop")
+    def test_preempt_teleop_ends_it_with_success(self, robot: Robot) -> None:
+        preempt = robot.publisher(Empty, "preempt_teleop")
+        goal = Nav2Client(robot, "assisted_teleop")
         goal.feedback.wait(lambda _: True)
         preempt.publish(Empty())
         assert goal.result()[0] == SUCCEEDED
@@ -256,74 +243,62 @@ class TestAssistedTeleop:
     @pytest.mark.parametrize(
         ("prevent", "reason"),
         [
-            (lambda client, simulator: PREVENTIONS["emergency stop"][0](simulator), "emergency"),
-            (lambda client, simulator: PREVENTIONS["key switch"][0](simulator), "manual"),
-            (lambda client, simulator: simulator.inject("off"), "no link"),
-            (lambda client, simulator: client.call(Trigger, "stop"), "service stop"),
-            (lambda client, simulator: change(client, observe_only=True), "only observes"),
+            (lambda robot: PREVENTIONS["emergency stop"][0](robot.chassis), "emergency"),
+            (lambda robot: PREVENTIONS["key switch"][0](robot.chassis), "manual"),
+            (lambda robot: robot.chassis.inject("off"), "no link"),
+            (lambda robot: robot.call(Trigger, "stop"), "service stop"),
+            (lambda robot: change(robot, observe_only=True), "only observes"),
         ],
         ids=["emergency stop", "key switch", "link", "stop", "observe_only"],
     )
     def test_it_ends_when_something_stops_the_robot(
-        self,
-        client: Client,
-        simulator: SimulatorThread,
-        velocities: Any,
-        prevent: Callable[[Client, SimulatorThread], object],
-        reason: str,
+        self, robot: Robot, velocities: Any, prevent: Callable[[Robot], object], reason: str
     ) -> None:
-        goal = Nav2Client(client, "assisted_teleop")
-        self.drive(velocities, simulator)
-        prevent(client, simulator)
+        goal = Nav2Client(robot, "assisted_teleop")
+        self.drive(velocities, robot)
+        prevent(robot)
         goal.wait_aborted(reason, code="UNKNOWN")
 
     def test_after_a_stop_the_same_stream_drives_no_new_goal(
-        self, client: Client, simulator: SimulatorThread, velocities: Any, logs: Logs
+        self, robot: Robot, velocities: Any, logs: Logs
     ) -> None:
         velocity = Twist()
         velocity.linear.x = 0.3
-        client.node.create_timer(0.05, lambda: velocities.publish(velocity))
-        goal = Nav2Client(client, "assisted_teleop")
-        wait_until(lambda: not stands(simulator), "the robot drives")
-        assert client.call(Trigger, "stop").success
+        robot.node.create_timer(0.05, lambda: velocities.publish(velocity))
+        goal = Nav2Client(robot, "assisted_teleop")
+        wait_until(lambda: not stands(robot.chassis), "the robot drives")
+        assert robot.call(Trigger, "stop").success
         goal.wait_aborted("service stop")
-        sent = simulator.counts[ChassisTwist.DESCRIPTOR.full_name]
-        goal = Nav2Client(client, "assisted_teleop")
+        sent = robot.chassis.counts[ChassisTwist.DESCRIPTOR.full_name]
+        goal = Nav2Client(robot, "assisted_teleop")
         goal.feedback.wait(lambda each: each.current_teleop_duration.sec >= 1)
-        assert simulator.counts[ChassisTwist.DESCRIPTOR.full_name] == sent
+        assert robot.chassis.counts[ChassisTwist.DESCRIPTOR.full_name] == sent
         logs.wait_text("cmd_vel_teleop is ignored: the robot was stopped; send a zero")
 
     def test_the_end_of_the_agent_does_not_wait_until_the_robot_stands(
-        self,
-        agent: RunningAgent,
-        client: Client,
-        simulator: SimulatorThread,
-        velocities: Any,
-        logs: Logs,
+        self, robot: Robot, velocities: Any, logs: Logs
     ) -> None:
-        poses = client.echo(PoseSpeed, "robot/PoseSpeed")
-        goal = Nav2Client(client, "assisted_teleop")
-        self.drive(velocities, simulator)
+        poses = robot.echo(PoseSpeed, "robot/PoseSpeed")
+        goal = Nav2Client(robot, "assisted_teleop")
+        self.drive(velocities, robot)
         poses.wait(lambda each: each.twist.linear > 0.1)
-        simulator.intercept(lambda out: [] if out.type == "woosh.robot.PoseSpeed" else [out])
-        agent.close()
+        robot.chassis.intercept(lambda out: [] if out.type == "woosh.robot.PoseSpeed" else [out])
+        robot.agent.close()
         goal.wait_aborted("the agent is stopping")
         assert logs.with_text("", level="ERROR") == []
 
     def test_it_ends_when_something_else_drives_the_robot(
-        self, client: Client, simulator: SimulatorThread, velocities: Any
+        self, robot: Robot, velocities: Any
     ) -> None:
-        slow_down(simulator)
-        goal = Nav2Client(client, "assisted_teleop")
+        slow_down(robot.chassis)
+        goal = Nav2Client(robot, "assisted_teleop")
         goal.feedback.wait(lambda _: True)
-        task(client)
+        task(robot)
         goal.wait_aborted("drives the robot")
 
-    def test_a_navigation_replaces_it(
-        self, client: Client, simulator: SimulatorThread, velocities: Any
-    ) -> None:
-        teleop = Nav2Client(client, "assisted_teleop")
-        self.drive(velocities, simulator)
-        drive = go(client, 1.0)
+    def test_a_navigation_replaces_it(self, robot: Robot, velocities: Any) -> None:
+        teleop = Nav2Client(robot, "assisted_teleop")
+        self.drive(velocities, robot)
+        drive = go(robot, 1.0)
         assert teleop.result()[0] == ABORTED
         assert drive.result()[0] == SUCCEEDED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Logs, fill, wait_until
+from tests.harness import Logs, Robot, fill, wait_until
 from tests.node.goals import ACTION_ORDER, EXECUTING, slow_down
 from tests.node.nav2.goals import (
     CANCELED,
@@ -20,25 +20,23 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery
 from woosh_robot_agent.pb.util.task_pb2 import kCharge, kPaused
 from woosh_robot_agent.robot.readiness import is_charging
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.action import ExecTask as ExecTaskAction
 from woosh_robot_msgs.msg import Battery as BatteryMsg
 from woosh_robot_msgs.srv import Twist
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
-pytestmark = [
-    pytest.mark.usefixtures("agent"),
-    pytest.mark.skipif(not hasattr(nav2_actions, "DockRobot"), reason="Humble has no docking"),
-]
+pytestmark = pytest.mark.skipif(
+    not hasattr(nav2_actions, "DockRobot"), reason="Humble has no docking"
+)
 
 
-def charges(simulator: SimulatorThread) -> bool:
-    return is_charging(simulator.state.info.battery)
+def charges(robot: Robot) -> bool:
+    return is_charging(robot.chassis.state.info.battery)
 
 
-def chargers(simulator: SimulatorThread) -> list[tuple[str, float, float]]:
+def chargers(robot: Robot) -> list[tuple[str, float, float]]:
     """Return the marks of the chargers and their positions."""
-    marks = simulator.call(lambda sim: dict(sim.chassis.map.marks))
+    marks = robot.chassis.call(lambda sim: dict(sim.chassis.map.marks))
     return [
         (number, mark.pose.x, mark.pose.y)
         for number, mark in marks.items()
@@ -46,182 +44,174 @@ def chargers(simulator: SimulatorThread) -> list[tuple[str, float, float]]:
     ]
 
 
-def docking(client: Client, simulator: SimulatorThread) -> Nav2Client:
+def docking(robot: Robot) -> Nav2Client:
     """Start docking in real time, and wait until the robot drives."""
-    slow_down(simulator)
-    goal = Nav2Client(client, "dock_robot")
-    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot drives")
+    slow_down(robot.chassis)
+    goal = Nav2Client(robot, "dock_robot")
+    wait_until(lambda: robot.chassis.state.velocity.speed > 0.01, "the robot drives")
     return goal
 
 
-def test_the_robot_docks_and_undocks(client: Client, simulator: SimulatorThread) -> None:
-    mark = chargers(simulator)[0][0]
-    goal = Nav2Client(client, "dock_robot", dock_id=mark)
+def test_the_robot_docks_and_undocks(robot: Robot) -> None:
+    mark = chargers(robot)[0][0]
+    goal = Nav2Client(robot, "dock_robot", dock_id=mark)
     status, result = goal.result()
     assert (status, result.success, result.error_code) == (SUCCEEDED, True, 0)
-    assert charges(simulator)
+    assert charges(robot)
     feedback = nav2_actions.DockRobot.Feedback
     states = [each.state for each in goal.feedback.messages]
     assert states == sorted(states)
     assert states[0] == feedback.NAV_TO_STAGING_POSE
-    status, result = Nav2Client(client, "undock_robot").result()
+    status, result = Nav2Client(robot, "undock_robot").result()
     assert (status, result.success, result.error_code) == (SUCCEEDED, True, 0)
-    assert not charges(simulator)
-    assert simulator.call(lambda sim: sim.chassis.charger) is None
-    again = Nav2Client(client, "undock_robot")  # the chassis might back out further
+    assert not charges(robot)
+    assert robot.chassis.call(lambda sim: sim.chassis.charger) is None
+    again = Nav2Client(robot, "undock_robot")  # the chassis might back out further
     again.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID")
 
 
 @pytest.mark.parametrize("use_dock_id", [True, False])
-def test_the_charger_is_found(
-    client: Client, simulator: SimulatorThread, use_dock_id: bool
-) -> None:
+def test_the_charger_is_found(robot: Robot, use_dock_id: bool) -> None:
     """Without an id it is the nearest one; a pose stands for the charger near it."""
-    here = simulator.state.pose
-    mark, x, y = min(chargers(simulator), key=lambda each: here.distance(each[1:]))
-    goal = Nav2Client(client, "dock_robot", use_dock_id=use_dock_id, dock_pose=pose(x + 0.3, y))
+    here = robot.chassis.state.pose
+    mark, x, y = min(chargers(robot), key=lambda each: here.distance(each[1:]))
+    goal = Nav2Client(robot, "dock_robot", use_dock_id=use_dock_id, dock_pose=pose(x + 0.3, y))
     assert goal.result()[0] == SUCCEEDED
-    (task,) = [each.message for each in simulator.received if type(each.message) is ExecTask]
+    (task,) = [each.message for each in robot.chassis.received if type(each.message) is ExecTask]
     assert task.mark_no == mark
 
 
-def test_there_is_no_such_charger(client: Client, simulator: SimulatorThread) -> None:
+def test_there_is_no_such_charger(robot: Robot) -> None:
     for where in ({"dock_id": "Z99"}, {"use_dock_id": False, "dock_pose": pose(0.0, 0.0)}):
-        goal = Nav2Client(client, "dock_robot", **where)
+        goal = Nav2Client(robot, "dock_robot", **where)
         assert not goal.wait_aborted("there is no charger", code="DOCK_NOT_IN_DB").success
-    assert ExecTask.DESCRIPTOR.full_name not in simulator.counts
+    assert ExecTask.DESCRIPTOR.full_name not in robot.chassis.counts
 
 
-def test_docking_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
-    slow_down(simulator)
-    goal = Nav2Client(client, "dock_robot")
+def test_docking_is_cancelled(robot: Robot) -> None:
+    slow_down(robot.chassis)
+    goal = Nav2Client(robot, "dock_robot")
     goal.feedback.wait(lambda _: True)
     goal.cancel()
     status, result = goal.result()
     assert (status, result.success) == (CANCELED, False)
-    assert not simulator.call(lambda sim: sim.chassis.tasks.active)
+    assert not robot.chassis.call(lambda sim: sim.chassis.tasks.active)
 
 
-def test_docking_is_cancelled_though_the_chassis_does_not_answer(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    simulator.mute(Storages.DESCRIPTOR.full_name)
-    goal = Nav2Client(client, "dock_robot")
-    simulator.wait_received(Storages.DESCRIPTOR.full_name)
+def test_docking_is_cancelled_though_the_chassis_does_not_answer(robot: Robot) -> None:
+    robot.chassis.mute(Storages.DESCRIPTOR.full_name)
+    goal = Nav2Client(robot, "dock_robot")
+    robot.chassis.wait_received(Storages.DESCRIPTOR.full_name)
     goal.cancel()
     assert goal.result()[0] == CANCELED
-    assert ExecTask.DESCRIPTOR.full_name not in simulator.counts
+    assert ExecTask.DESCRIPTOR.full_name not in robot.chassis.counts
 
 
 @pytest.mark.parametrize("prevention", PREVENTIONS)
-def test_docking_ends_when_something_stops_the_robot(
-    client: Client, simulator: SimulatorThread, prevention: str
-) -> None:
+def test_docking_ends_when_something_stops_the_robot(robot: Robot, prevention: str) -> None:
     prevent, permit = PREVENTIONS[prevention]
-    goal = docking(client, simulator)
-    prevent(simulator)
+    goal = docking(robot)
+    prevent(robot.chassis)
     assert not goal.wait_aborted(prevention).success
-    permit(simulator)
-    wait_until(lambda: not simulator.call(lambda sim: sim.chassis.tasks.active), "the task ends")
+    permit(robot.chassis)
+    wait_until(
+        lambda: not robot.chassis.call(lambda sim: sim.chassis.tasks.active), "the task ends"
+    )
 
 
 @pytest.mark.parametrize("cancelled", [False, True], ids=["", "after a cancel of the client"])
-def test_docking_that_something_stops_is_cancelled_once(
-    client: Client, simulator: SimulatorThread, cancelled: bool
-) -> None:
+def test_docking_that_something_stops_is_cancelled_once(robot: Robot, cancelled: bool) -> None:
     """A cancel names no task, so a further one could end another task."""
-    goal = docking(client, simulator)
+    goal = docking(robot)
     # the end of the task is not reported
-    simulator.intercept(lambda out: [out] if getattr(out.body, "state", kPaused) == kPaused else [])
+    robot.chassis.intercept(
+        lambda out: [out] if getattr(out.body, "state", kPaused) == kPaused else []
+    )
     if cancelled:
-        assert client.call(Twist, "robot/Twist").ok  # a zero, which pauses the task
-        wait_until(lambda: simulator.state.info.task_proc.state == kPaused, "the pause")
+        assert robot.call(Twist, "robot/Twist").ok  # a zero, which pauses the task
+        wait_until(lambda: robot.chassis.state.info.task_proc.state == kPaused, "the pause")
         goal.cancel()
     else:
-        simulator.set_emergency_stop(True)
-    simulator.wait_received(ACTION_ORDER)
-    simulator.set_emergency_stop(True)
+        robot.chassis.set_emergency_stop(True)
+    robot.chassis.wait_received(ACTION_ORDER)
+    robot.chassis.set_emergency_stop(True)
     goal.feedback.wait_count(len(goal.feedback.messages) + 5)
-    assert simulator.counts[ACTION_ORDER] == 1
+    assert robot.chassis.counts[ACTION_ORDER] == 1
 
 
 def test_docking_that_a_stop_did_not_end_is_cancelled_when_something_stops_the_robot(
-    client: Client, simulator: SimulatorThread
+    robot: Robot,
 ) -> None:
-    goal = docking(client, simulator)
-    refusal = simulator.inject("refuse", type=ACTION_ORDER)
-    assert client.call(Trigger, "stop").success  # its zero only pauses the task
+    goal = docking(robot)
+    refusal = robot.chassis.inject("refuse", type=ACTION_ORDER)
+    assert robot.call(Trigger, "stop").success  # its zero only pauses the task
     refusal.clear()
-    simulator.set_emergency_stop(True)
+    robot.chassis.set_emergency_stop(True)
     goal.wait_aborted("cancelled by the service stop")
-    simulator.set_emergency_stop(False)
-    wait_until(lambda: not simulator.call(lambda sim: sim.chassis.tasks.active), "the task ends")
+    robot.chassis.set_emergency_stop(False)
+    wait_until(
+        lambda: not robot.chassis.call(lambda sim: sim.chassis.tasks.active), "the task ends"
+    )
 
 
-def test_a_robot_that_charges_is_docked(
-    client: Client, simulator: SimulatorThread, logs: Logs
-) -> None:
+def test_a_robot_that_charges_is_docked(robot: Robot, logs: Logs) -> None:
     for _ in range(2):
-        goal = Nav2Client(client, "dock_robot", navigate_to_staging_pose=False)
+        goal = Nav2Client(robot, "dock_robot", navigate_to_staging_pose=False)
         status, result = goal.result()
         assert (status, result.success) == (SUCCEEDED, True)
-    assert simulator.counts[ExecTask.DESCRIPTOR.full_name] == 1
+    assert robot.chassis.counts[ExecTask.DESCRIPTOR.full_name] == 1
     assert len(logs.with_text("navigate_to_staging_pose has no effect")) == 1
 
 
-def test_undocking_is_cancelled(client: Client, simulator: SimulatorThread) -> None:
-    assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
-    slow_down(simulator)
-    goal = Nav2Client(client, "undock_robot")
-    wait_until(lambda: simulator.state.velocity.speed > 0.01, "the robot backs out")
+def test_undocking_is_cancelled(robot: Robot) -> None:
+    assert Nav2Client(robot, "dock_robot").result()[0] == SUCCEEDED
+    slow_down(robot.chassis)
+    goal = Nav2Client(robot, "undock_robot")
+    wait_until(lambda: robot.chassis.state.velocity.speed > 0.01, "the robot backs out")
     goal.cancel()
     status, result = goal.result()
     assert (status, result.success, result.error_code) == (CANCELED, False, 0)
-    assert stands(simulator)
+    assert stands(robot.chassis)
 
 
-def test_the_way_to_the_charger_takes_too_long(client: Client, simulator: SimulatorThread) -> None:
-    slow_down(simulator)
-    Nav2Client(client, "dock_robot", max_staging_time=0.2).wait_aborted(code="FAILED_TO_STAGE")
-    assert not simulator.call(lambda sim: sim.chassis.tasks.active)
+def test_the_way_to_the_charger_takes_too_long(robot: Robot) -> None:
+    slow_down(robot.chassis)
+    Nav2Client(robot, "dock_robot", max_staging_time=0.2).wait_aborted(code="FAILED_TO_STAGE")
+    assert not robot.chassis.call(lambda sim: sim.chassis.tasks.active)
 
 
-def test_a_robot_in_no_charger_is_not_undocked(client: Client, simulator: SimulatorThread) -> None:
+def test_a_robot_in_no_charger_is_not_undocked(robot: Robot) -> None:
     """The chassis might back out of where it is, also on its way to a charger."""
-    slow_down(simulator)
+    slow_down(robot.chassis)
     charge = fill(ExecTaskAction.Goal(), arg={"type": kCharge})
-    robot_task = client.send_goal(ExecTaskAction, "robot/ExecTask", charge)
+    robot_task = robot.send_goal(ExecTaskAction, "robot/ExecTask", charge)
     robot_task.feedback.wait(lambda each: each.state.value == EXECUTING)
-    goal = Nav2Client(client, "undock_robot")
+    goal = Nav2Client(robot, "undock_robot")
     assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
-    assert simulator.counts["woosh.ros.CallAction"] == 0
+    assert robot.chassis.counts["woosh.ros.CallAction"] == 0
 
 
-def test_a_robot_that_a_person_has_plugged_in_is_not_undocked(
-    client: Client, simulator: SimulatorThread
-) -> None:
+def test_a_robot_that_a_person_has_plugged_in_is_not_undocked(robot: Robot) -> None:
     """It would drive away with the cable."""
-    batteries = client.echo(BatteryMsg, "robot/Battery")
-    simulator.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kManual))
+    batteries = robot.echo(BatteryMsg, "robot/Battery")
+    robot.chassis.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kManual))
     batteries.wait(lambda each: each.charge_state.value == Battery.kManual)
-    goal = Nav2Client(client, "undock_robot")
+    goal = Nav2Client(robot, "undock_robot")
     assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
-    assert simulator.counts["woosh.ros.CallAction"] == 0
+    assert robot.chassis.counts["woosh.ros.CallAction"] == 0
 
 
-def test_a_robot_that_charges_no_more_is_undocked(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
-    simulator.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kNot))
-    assert Nav2Client(client, "undock_robot").result()[0] == SUCCEEDED
-    assert simulator.call(lambda sim: sim.chassis.charger) is None
+def test_a_robot_that_charges_no_more_is_undocked(robot: Robot) -> None:
+    assert Nav2Client(robot, "dock_robot").result()[0] == SUCCEEDED
+    robot.chassis.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kNot))
+    assert Nav2Client(robot, "undock_robot").result()[0] == SUCCEEDED
+    assert robot.chassis.call(lambda sim: sim.chassis.charger) is None
 
 
-def test_a_refusal_is_explained(client: Client, simulator: SimulatorThread) -> None:
-    assert Nav2Client(client, "dock_robot").result()[0] == SUCCEEDED
-    simulator.set_emergency_stop(True)
+def test_a_refusal_is_explained(robot: Robot) -> None:
+    assert Nav2Client(robot, "dock_robot").result()[0] == SUCCEEDED
+    robot.chassis.set_emergency_stop(True)
     for name in ("dock_robot", "undock_robot"):
-        result = Nav2Client(client, name).wait_aborted("emergency stop")
+        result = Nav2Client(robot, name).wait_aborted("emergency stop")
         assert not result.success
         assert result.error_code != 0

@@ -15,12 +15,11 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from unique_identifier_msgs.msg import UUID
 
-from tests.harness import Client, Logs, RunningAgent, wait_future
+from tests.harness import Client, Logs, Robot, RunningAgent, wait_future
 from tests.node.goals import CALL_ACTION, START, hurry, slow_down
 from tests.node.nav2.goals import CANCELED, SUCCEEDED, Nav2Client, ahead, pose
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_robot_agent.simulator import SimulatorThread
 
 pytest.importorskip("nav2_msgs.action")
 
@@ -40,17 +39,17 @@ def transform(
 
 
 @pytest.fixture
-def static(client: Client) -> Callable[..., None]:
+def static(robot: Robot) -> Callable[..., None]:
     """Function that publishes transforms on /tf_static."""
     message = class_of("tf2_msgs/TFMessage")
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    publisher = client.node.create_publisher(message, "/tf_static", latched)
+    publisher = robot.node.create_publisher(message, "/tf_static", latched)
     return lambda *transforms: publisher.publish(message(transforms=list(transforms)))
 
 
-def target(simulator: SimulatorThread) -> tuple[float, float, float]:
+def target(robot: Robot) -> tuple[float, float, float]:
     """Return the pose to which the chassis was sent last: ahead of START, left of it, heading."""
-    commands = [each.message for each in simulator.received if type(each.message) is CallAction]
+    commands = [each.message for each in robot.chassis.received if type(each.message) is CallAction]
     there = commands[-1].move_base.target_pose
     x, y, theta = START
     cos, sin = math.cos(theta), math.sin(theta)
@@ -67,27 +66,22 @@ def near(*numbers: float) -> Any:
     return pytest.approx(numbers, abs=0.01)
 
 
-@pytest.mark.usefixtures("agent")
 class TestFrames:
-    def test_the_robots_own_frame(self, client: Client, simulator: SimulatorThread) -> None:
-        assert go(client, pose(0.5, 0.0, 0.3, "base_link")).result()[0] == SUCCEEDED
-        assert target(simulator) == near(0.5, 0.0, 0.3)
+    def test_the_robots_own_frame(self, robot: Robot) -> None:
+        assert go(robot, pose(0.5, 0.0, 0.3, "base_link")).result()[0] == SUCCEEDED
+        assert target(robot) == near(0.5, 0.0, 0.3)
 
-    def test_the_frame_of_the_odometry(self, client: Client, simulator: SimulatorThread) -> None:
+    def test_the_frame_of_the_odometry(self, robot: Robot) -> None:
         """Its origin is where the robot was first."""
         for x in (0.5, 0.2):
-            assert go(client, pose(x, 0.0, frame="odom")).result()[0] == SUCCEEDED
-            assert target(simulator) == near(x, 0.0, 0.0)
+            assert go(robot, pose(x, 0.0, frame="odom")).result()[0] == SUCCEEDED
+            assert target(robot) == near(x, 0.0, 0.0)
 
-    def test_a_slash_before_a_name_is_ignored(
-        self, client: Client, simulator: SimulatorThread
-    ) -> None:
-        assert go(client, ahead(0.5, "/map")).result()[0] == SUCCEEDED
-        assert target(simulator) == near(0.5, 0.0, 0.0)
+    def test_a_slash_before_a_name_is_ignored(self, robot: Robot) -> None:
+        assert go(robot, ahead(0.5, "/map")).result()[0] == SUCCEEDED
+        assert target(robot) == near(0.5, 0.0, 0.0)
 
-    def test_a_chain_on_tf(
-        self, client: Client, simulator: SimulatorThread, static: Callable[..., None]
-    ) -> None:
+    def test_a_chain_on_tf(self, robot: Robot, static: Callable[..., None]) -> None:
         """A camera on a mast: its optical axis z looks ahead, x to the right."""
         optical = (-0.5, 0.5, -0.5, 0.5)
         static(
@@ -99,99 +93,91 @@ class TestFrames:
         x, y, z, w = optical
         inverse = seen.pose.orientation  # upright, with the heading of the robot
         inverse.x, inverse.y, inverse.z, inverse.w = -x, -y, -z, w
-        assert go(client, seen).result()[0] == SUCCEEDED
-        assert target(simulator) == near(0.7, 0.1, 0.0)
+        assert go(robot, seen).result()[0] == SUCCEEDED
+        assert target(robot) == near(0.7, 0.1, 0.0)
 
-    def test_a_frame_above_the_robot(
-        self, client: Client, simulator: SimulatorThread, static: Callable[..., None]
-    ) -> None:
+    def test_a_frame_above_the_robot(self, robot: Robot, static: Callable[..., None]) -> None:
         half = math.pi / 4
         static(
             transform("base_footprint", "base_link", (0.1, 0.0, 0.2)),
             transform("earth", "map", (10.0, 0.0, 0.0), (0.0, 0.0, math.sin(half), math.cos(half))),
         )
-        assert go(client, pose(0.6, 0.0, frame="base_footprint")).result()[0] == SUCCEEDED
-        assert target(simulator) == near(0.5, 0.0, 0.0)
+        assert go(robot, pose(0.6, 0.0, frame="base_footprint")).result()[0] == SUCCEEDED
+        assert target(robot) == near(0.5, 0.0, 0.0)
         x, y, theta = START
         there = pose(10.0 - y, x, theta + math.pi / 2, "earth")
-        assert go(client, there).result()[0] == SUCCEEDED
-        assert target(simulator) == near(0.0, 0.0, 0.0)
+        assert go(robot, there).result()[0] == SUCCEEDED
+        assert target(robot) == near(0.0, 0.0, 0.0)
 
     @pytest.mark.parametrize(
         ("frame", "text"), [("nowhere", "the frame nowhere with"), ("shelf", "world, which is")]
     )
     def test_an_unknown_frame_is_refused(
-        self,
-        client: Client,
-        simulator: SimulatorThread,
-        logs: Logs,
-        static: Any,
-        frame: str,
-        text: str,
+        self, robot: Robot, logs: Logs, static: Any, frame: str, text: str
     ) -> None:
         static(transform("world", "shelf"))
-        goal = Nav2Client(client, "follow_waypoints", poses=[ahead(1.0), ahead(1.0, frame)])
+        goal = Nav2Client(robot, "follow_waypoints", poses=[ahead(1.0), ahead(1.0, frame)])
         refusal = goal.refusal(logs)
         assert text in refusal
         assert "pose 1 of 2" in refusal
-        path = Nav2Client(client, "compute_path_to_pose", goal=ahead(1.0, frame))
+        path = Nav2Client(robot, "compute_path_to_pose", goal=ahead(1.0, frame))
         assert text in path.refusal(logs)
-        assert simulator.counts["woosh.ros.CallAction"] == 0
+        assert robot.chassis.counts["woosh.ros.CallAction"] == 0
 
     def test_a_pose_that_only_its_frame_makes_too_large_is_refused(
-        self, client: Client, simulator: SimulatorThread, logs: Logs, static: Callable[..., None]
+        self, robot: Robot, logs: Logs, static: Callable[..., None]
     ) -> None:
         """The running goal goes on."""
-        slow_down(simulator)
-        running = go(client, ahead(3.0))
-        simulator.wait_received(CALL_ACTION)
+        slow_down(robot.chassis)
+        running = go(robot, ahead(3.0))
+        robot.chassis.wait_received(CALL_ACTION)
         static(transform("base_link", "far", (3e38, 0.0, 0.0)))
-        assert "too large" in go(client, pose(3e38, 0.0, frame="far")).refusal(logs)
-        hurry(simulator)
+        assert "too large" in go(robot, pose(3e38, 0.0, frame="far")).refusal(logs)
+        hurry(robot.chassis)
         assert running.result()[0] == SUCCEEDED
 
     @pytest.mark.parametrize("by_id", [False, True], ids=["all goals", "its id"])
     def test_a_goal_is_cancelled_while_it_waits_for_its_frame(
-        self, client: Client, simulator: SimulatorThread, static: Callable[..., None], by_id: bool
+        self, robot: Robot, static: Callable[..., None], by_id: bool
     ) -> None:
         """The goal before goes on if only the waiting one is cancelled."""
-        slow_down(simulator)
-        running = go(client, ahead(3.0))
-        simulator.wait_received(CALL_ACTION)
+        slow_down(robot.chassis)
+        running = go(robot, ahead(3.0))
+        robot.chassis.wait_received(CALL_ACTION)
         parts = class_of("nav2_msgs/NavigateToPose", "action").Impl
         there = parts.SendGoalService.Request(goal_id=UUID(uuid=[7] * 16))
         there.goal.pose = pose(-1.0, 0.0, frame="shelf")
-        send = client.service(parts.SendGoalService, "navigate_to_pose/_action/send_goal")
+        send = robot.service(parts.SendGoalService, "navigate_to_pose/_action/send_goal")
         sent = send.call_async(there)
         which = {"goal_info": GoalInfo(goal_id=there.goal_id)} if by_id else {}
-        answer = client.call(CancelGoal, "navigate_to_pose/_action/cancel_goal", **which)
+        answer = robot.call(CancelGoal, "navigate_to_pose/_action/cancel_goal", **which)
         assert there.goal_id in [each.goal_id for each in answer.goals_canceling]
         static(transform("base_link", "shelf"))
         assert wait_future(sent).accepted
-        results = client.service(parts.GetResultService, "navigate_to_pose/_action/get_result")
+        results = robot.service(parts.GetResultService, "navigate_to_pose/_action/get_result")
         request = parts.GetResultService.Request(goal_id=there.goal_id)
         assert wait_future(results.call_async(request)).status == CANCELED
-        hurry(simulator)
+        hurry(robot.chassis)
         assert running.result()[0] == (SUCCEEDED if by_id else CANCELED)
-        drives = [each.message.move_base for each in simulator.received if each.type == CALL_ACTION]
+        drives = [
+            each.message.move_base for each in robot.chassis.received if each.type == CALL_ACTION
+        ]
         assert [drive.action for drive in drives] == ([1] if by_id else [1, 0])
 
-    def test_goals_in_unknown_frames_do_not_wait_for_each_other(self, client: Client) -> None:
+    def test_goals_in_unknown_frames_do_not_wait_for_each_other(self, robot: Robot) -> None:
         """They would hold up a later goal in a known frame, which could then drive too late."""
         action = class_of("nav2_msgs/NavigateToPose", "action")
-        server = client.action(action, "navigate_to_pose")
+        server = robot.action(action, "navigate_to_pose")
         goals = [action.Goal(pose=ahead(1.0, "nowhere")) for _ in range(9)]
         began = time.monotonic()
         for goal in goals:
-            client.in_executor(partial(server.send_goal_async, goal))
-        assert go(client, ahead(0.5)).result()[0] == SUCCEEDED
+            robot.in_executor(partial(server.send_goal_async, goal))
+        assert go(robot, ahead(0.5)).result()[0] == SUCCEEDED
         assert time.monotonic() - began < 6.0, "one after the other, they take 9 s"
 
-    def test_other_actions_bring_their_poses_too(
-        self, client: Client, simulator: SimulatorThread
-    ) -> None:
+    def test_other_actions_bring_their_poses_too(self, robot: Robot) -> None:
         goal = Nav2Client(
-            client,
+            robot,
             "compute_path_to_pose",
             goal=pose(2.0, 0.0, frame="base_link"),
             start=pose(1.0, 0.0, frame="base_link"),

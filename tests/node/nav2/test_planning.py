@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import Client, Logs
+from tests.harness import Logs, Robot
 from tests.node.goals import START
 from tests.node.nav2.goals import (
     ABORTED,
@@ -20,10 +20,8 @@ from tests.node.nav2.goals import (
     pose,
     poses_field,
 )
-from woosh_robot_agent.simulator import SimulatorThread
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
-pytestmark = pytest.mark.usefixtures("agent")
 PLAN = "woosh.robot.PlanNavPath"
 
 
@@ -35,20 +33,20 @@ def length(path: Any) -> float:
     return sum(math.dist(here, there) for here, there in pairwise(points(path)))
 
 
-def test_a_path_from_the_robot_to_a_pose(client: Client, simulator: SimulatorThread) -> None:
-    status, result = Nav2Client(client, "compute_path_to_pose", goal=ahead(3.0)).result()
+def test_a_path_from_the_robot_to_a_pose(robot: Robot) -> None:
+    status, result = Nav2Client(robot, "compute_path_to_pose", goal=ahead(3.0)).result()
     assert (status, error_code(result)) == (SUCCEEDED, 0)
     assert points(result.path)[0] == pytest.approx(START[:2], abs=0.01)
     assert length(result.path) == pytest.approx(3.0, abs=0.1)
     assert result.path.header.frame_id == "map"
     assert result.path.poses[-1].header.frame_id == "map"
     assert result.planning_time.nanosec
-    assert simulator.counts["woosh.ros.CallAction"] == 0
+    assert robot.chassis.counts["woosh.ros.CallAction"] == 0
 
 
-def test_a_path_from_another_pose(client: Client, logs: Logs) -> None:
+def test_a_path_from_another_pose(robot: Robot, logs: Logs) -> None:
     goal = Nav2Client(
-        client,
+        robot,
         "compute_path_to_pose",
         goal=ahead(3.0),
         start=ahead(1.0),
@@ -59,44 +57,40 @@ def test_a_path_from_another_pose(client: Client, logs: Logs) -> None:
     logs.wait_text("planner_id has no effect")
 
 
-def through_poses(client: Client, poses: list[Any]) -> Nav2Client:
+def through_poses(robot: Robot, poses: list[Any]) -> Nav2Client:
     field = poses_field(nav2_actions.ComputePathThroughPoses, "goals", poses)
-    return Nav2Client(client, "compute_path_through_poses", goals=field)
+    return Nav2Client(robot, "compute_path_through_poses", goals=field)
 
 
-def test_a_path_through_poses(client: Client) -> None:
-    status, result = through_poses(client, [ahead(3.0), ahead(1.0)]).result()
+def test_a_path_through_poses(robot: Robot) -> None:
+    status, result = through_poses(robot, [ahead(3.0), ahead(1.0)]).result()
     assert status == SUCCEEDED
     assert length(result.path) == pytest.approx(5.0, abs=0.2)
     assert len(set(points(result.path))) == len(points(result.path))
 
 
-def test_without_a_path_the_reason_is_told(client: Client) -> None:
+def test_without_a_path_the_reason_is_told(robot: Robot) -> None:
     for goal in (
-        Nav2Client(client, "compute_path_to_pose", goal=pose(1000.0, 1000.0)),
-        through_poses(client, [ahead(1.0), pose(1000.0, 1000.0)]),
+        Nav2Client(robot, "compute_path_to_pose", goal=pose(1000.0, 1000.0)),
+        through_poses(robot, [ahead(1.0), pose(1000.0, 1000.0)]),
     ):
         goal.wait_aborted(
             "to (1000.00, 1000.00): choose a goal on free floor", code="NO_VALID_PATH"
         )
-    through_poses(client, []).wait_aborted(code="NO_VIAPOINTS_GIVEN")
+    through_poses(robot, []).wait_aborted(code="NO_VIAPOINTS_GIVEN")
 
 
-def test_an_answer_of_the_type_of_the_request_is_read(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    simulator.answer_as(PLAN, PLAN)
-    status, result = Nav2Client(client, "compute_path_to_pose", goal=ahead(3.0)).result()
+def test_an_answer_of_the_type_of_the_request_is_read(robot: Robot) -> None:
+    robot.chassis.answer_as(PLAN, PLAN)
+    status, result = Nav2Client(robot, "compute_path_to_pose", goal=ahead(3.0)).result()
     assert status == SUCCEEDED
     assert length(result.path) == pytest.approx(3.0, abs=0.1)
 
 
-def test_a_new_goal_replaces_the_running_one_and_a_cancel_ends_it(
-    client: Client, simulator: SimulatorThread
-) -> None:
-    simulator.mute(PLAN)
-    first = Nav2Client(client, "compute_path_to_pose", goal=ahead(3.0))
-    second = Nav2Client(client, "compute_path_to_pose", goal=ahead(3.0))
+def test_a_new_goal_replaces_the_running_one_and_a_cancel_ends_it(robot: Robot) -> None:
+    robot.chassis.mute(PLAN)
+    first = Nav2Client(robot, "compute_path_to_pose", goal=ahead(3.0))
+    second = Nav2Client(robot, "compute_path_to_pose", goal=ahead(3.0))
     assert first.result()[0] == ABORTED
     second.cancel()
     assert second.result()[0] == CANCELED

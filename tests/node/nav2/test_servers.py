@@ -14,7 +14,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from tests.harness import Client, Logs, Robot, wait_until
+from tests.harness import Logs, Robot, wait_until
 from tests.node.goals import START, hurry, move_base, slow_down, stop_time, task
 from tests.node.nav2.goals import SUCCEEDED, go, stands
 from woosh_map_msgs.srv import SceneList
@@ -22,7 +22,6 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, SwitchMap
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.ros.standard_endpoints import MANAGERS
-from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.world.geometry import Pose
 
@@ -32,53 +31,44 @@ pytest.importorskip("nav2_msgs.action")
 MOVE_BASE = "woosh.ros.action.MoveBase"
 
 
-def navigates(simulator: SimulatorThread) -> bool:
-    return simulator.call(lambda sim: sim.chassis.actions.navigation) is not None
+def navigates(robot: Robot) -> bool:
+    return robot.chassis.call(lambda sim: sim.chassis.actions.navigation) is not None
 
 
-def state(client: Client, node: str) -> str:
-    return str(client.call(GetState, f"{node}/get_state").current_state.label)
+def state(robot: Robot, node: str) -> str:
+    return str(robot.call(GetState, f"{node}/get_state").current_state.label)
 
 
-def is_active(client: Client, manager: str) -> bool:
-    return bool(client.call(Trigger, f"{manager}/is_active").success)
+def is_active(robot: Robot, manager: str) -> bool:
+    return bool(robot.call(Trigger, f"{manager}/is_active").success)
 
 
-@pytest.mark.usefixtures("agent")
 class TestLifecycle:
-    def test_a_robot_that_accepts_tasks_is_active(self, client: Client) -> None:
-        assert [state(client, node) for node in ("bt_navigator", "amcl")] == ["active"] * 2
-        assert [is_active(client, manager) for manager in MANAGERS] == [True] * 2
+    def test_a_robot_that_accepts_tasks_is_active(self, robot: Robot) -> None:
+        assert [state(robot, node) for node in ("bt_navigator", "amcl")] == ["active"] * 2
+        assert [is_active(robot, manager) for manager in MANAGERS] == [True] * 2
 
-    def test_a_robot_that_executes_a_task_is_active(
-        self, client: Client, simulator: SimulatorThread
-    ) -> None:
-        slow_down(simulator)
-        running = task(client)
+    def test_a_robot_that_executes_a_task_is_active(self, robot: Robot) -> None:
+        slow_down(robot.chassis)
+        running = task(robot)
         running.feedback.wait(lambda _: True)
-        assert state(client, "bt_navigator") == "active"
+        assert state(robot, "bt_navigator") == "active"
 
-    def test_a_robot_that_accepts_no_tasks_is_not(
-        self, client: Client, simulator: SimulatorThread
-    ) -> None:
-        simulator.set_emergency_stop(True)
-        wait_until(lambda: state(client, "bt_navigator") == "inactive", "the state")
-        assert not is_active(client, MANAGERS[0])
+    def test_a_robot_that_accepts_no_tasks_is_not(self, robot: Robot) -> None:
+        robot.chassis.set_emergency_stop(True)
+        wait_until(lambda: state(robot, "bt_navigator") == "inactive", "the state")
+        assert not is_active(robot, MANAGERS[0])
 
-    def test_amcl_is_active_while_the_robot_is_lost(
-        self, client: Client, simulator: SimulatorThread
-    ) -> None:
+    def test_amcl_is_active_while_the_robot_is_lost(self, robot: Robot) -> None:
         """Clients set the pose only after that."""
-        simulator.lose_localisation()
-        wait_until(lambda: state(client, "bt_navigator") == "inactive", "the state")
-        assert state(client, "amcl") == "active"
+        robot.chassis.lose_localisation()
+        wait_until(lambda: state(robot, "bt_navigator") == "inactive", "the state")
+        assert state(robot, "amcl") == "active"
 
-    def test_without_a_link_nothing_is_active(
-        self, client: Client, simulator: SimulatorThread
-    ) -> None:
-        simulator.inject("off")
-        wait_until(lambda: state(client, "amcl") == "inactive", "the state")
-        assert state(client, "bt_navigator") == "inactive"
+    def test_without_a_link_nothing_is_active(self, robot: Robot) -> None:
+        robot.chassis.inject("off")
+        wait_until(lambda: state(robot, "amcl") == "inactive", "the state")
+        assert state(robot, "bt_navigator") == "inactive"
 
     @pytest.mark.parametrize(
         ("command", "success"),
@@ -91,153 +81,137 @@ class TestLifecycle:
         ],
     )
     def test_managers_answer_what_is_true(
-        self, client: Client, logs: Logs, command: str, success: bool
+        self, robot: Robot, logs: Logs, command: str, success: bool
     ) -> None:
         manage = class_of("nav2_msgs/ManageLifecycleNodes", "srv")
         number = getattr(manage.Request, command)
         for manager in MANAGERS:
-            answer = client.call(manage, f"{manager}/manage_nodes", command=number)
+            answer = robot.call(manage, f"{manager}/manage_nodes", command=number)
             assert answer.success is success
         told = bool(logs.with_text("is not possible"))
         assert told is not success
 
 
-@pytest.mark.usefixtures("agent")
 class TestMapServer:
-    def load(self, client: Client, url: str) -> Any:
-        return client.call(class_of("nav2_msgs/LoadMap", "srv"), "map_server/load_map", map_url=url)
+    def load(self, robot: Robot, url: str) -> Any:
+        return robot.call(class_of("nav2_msgs/LoadMap", "srv"), "map_server/load_map", map_url=url)
 
     @pytest.fixture
-    def other(self, client: Client, simulator: SimulatorThread) -> str:
+    def other(self, robot: Robot) -> str:
         """Name of a map that the robot has, and does not use."""
-        current = simulator.state.info.scene.map_name
-        scenes = client.call(SceneList, "map/SceneList").info.scenes
+        current = robot.chassis.state.info.scene.map_name
+        scenes = robot.call(SceneList, "map/SceneList").info.scenes
         return next(name for scene in scenes for name in scene.maps if name != current)
 
-    def test_the_map_that_the_robot_uses(self, client: Client) -> None:
-        grid = client.call(GetMap, "map_server/map").map
+    def test_the_map_that_the_robot_uses(self, robot: Robot) -> None:
+        grid = robot.call(GetMap, "map_server/map").map
         assert grid.header.frame_id == "map"
         assert len(grid.data) == grid.info.width * grid.info.height > 0
 
-    def test_another_map_is_loaded_by_the_name_of_its_file(
-        self, client: Client, simulator: SimulatorThread, other: str
-    ) -> None:
-        answer = self.load(client, f"/maps/{other}.yaml")
+    def test_another_map_is_loaded_by_the_name_of_its_file(self, robot: Robot, other: str) -> None:
+        answer = self.load(robot, f"/maps/{other}.yaml")
         assert answer.result == answer.RESULT_SUCCESS
-        assert simulator.state.info.scene.map_name == other
-        assert answer.map.data == client.call(GetMap, "map_server/map").map.data
-        assert self.load(client, other).result == answer.RESULT_SUCCESS
-        assert simulator.counts[SwitchMap.DESCRIPTOR.full_name] == 1
+        assert robot.chassis.state.info.scene.map_name == other
+        assert answer.map.data == robot.call(GetMap, "map_server/map").map.data
+        assert self.load(robot, other).result == answer.RESULT_SUCCESS
+        assert robot.chassis.counts[SwitchMap.DESCRIPTOR.full_name] == 1
 
-    def test_there_is_no_such_map(
-        self, client: Client, simulator: SimulatorThread, logs: Logs
-    ) -> None:
-        answer = self.load(client, "nowhere.yaml")
+    def test_there_is_no_such_map(self, robot: Robot, logs: Logs) -> None:
+        answer = self.load(robot, "nowhere.yaml")
         assert answer.result == answer.RESULT_MAP_DOES_NOT_EXIST
         assert not answer.map.data
         logs.wait_text("the robot has no map nowhere")
-        assert SwitchMap.DESCRIPTOR.full_name not in simulator.counts
+        assert SwitchMap.DESCRIPTOR.full_name not in robot.chassis.counts
 
-    def test_the_chassis_refuses(
-        self, client: Client, simulator: SimulatorThread, other: str
-    ) -> None:
-        simulator.refuse(SwitchMap.DESCRIPTOR.full_name, "not now")
-        answer = self.load(client, other)
+    def test_the_chassis_refuses(self, robot: Robot, other: str) -> None:
+        robot.chassis.refuse(SwitchMap.DESCRIPTOR.full_name, "not now")
+        answer = self.load(robot, other)
         assert answer.result == answer.RESULT_UNDEFINED_FAILURE
 
 
-@pytest.mark.usefixtures("agent")
-def test_costmaps_are_cleared_without_an_effect(client: Client, logs: Logs) -> None:
+def test_costmaps_are_cleared_without_an_effect(robot: Robot, logs: Logs) -> None:
     clear = class_of("nav2_msgs/ClearEntireCostmap", "srv")
     for costmap in ("global", "local"):
-        client.call(clear, f"{costmap}_costmap/clear_entirely_{costmap}_costmap")
+        robot.call(clear, f"{costmap}_costmap/clear_entirely_{costmap}_costmap")
     said = logs.with_text("costmap has no effect")
     assert len(said) == 1
 
 
-@pytest.mark.usefixtures("agent")
 class TestAmclPose:
-    def test_it_is_latched_and_follows_the_robot(self, client: Client) -> None:
-        poses = client.echo(PoseWithCovarianceStamped, "amcl_pose", depth=1)
+    def test_it_is_latched_and_follows_the_robot(self, robot: Robot) -> None:
+        poses = robot.echo(PoseWithCovarianceStamped, "amcl_pose", depth=1)
         first = poses.wait(lambda _: True)
         assert first.header.frame_id == "map"
         assert first.pose.pose.position.x == pytest.approx(START[0], abs=0.01)
         assert first.pose.covariance[0] > 0.0
-        assert go(client, 1.0).result()[0] == SUCCEEDED
+        assert go(robot, 1.0).result()[0] == SUCCEEDED
         poses.wait(lambda each: each.pose.pose.position.x > START[0] + 0.7)
 
-    def test_it_comes_after_each_initialpose(self, client: Client) -> None:
-        poses = client.echo(PoseWithCovarianceStamped, "amcl_pose", depth=10)
+    def test_it_comes_after_each_initialpose(self, robot: Robot) -> None:
+        poses = robot.echo(PoseWithCovarianceStamped, "amcl_pose", depth=10)
         first = poses.wait(lambda _: True)
-        publisher = client.publisher(PoseWithCovarianceStamped, "initialpose")
+        publisher = robot.publisher(PoseWithCovarianceStamped, "initialpose")
         for count in (2, 3):  # also if it stays the same
             publisher.publish(first)
             again = poses.wait_count(count)[-1]
             assert again.pose.pose.position.x == pytest.approx(START[0], abs=0.01)
 
 
-@pytest.mark.usefixtures("agent")
 class TestSpeedLimit:
     @pytest.fixture
-    def limit(self, client: Client) -> Callable[..., None]:
+    def limit(self, robot: Robot) -> Callable[..., None]:
         """Function that publishes a limit."""
         message = class_of("nav2_msgs/SpeedLimit")
-        publisher = client.publisher(message, "speed_limit", depth=1)
+        publisher = robot.publisher(message, "speed_limit", depth=1)
         return lambda **fields: publisher.publish(message(**fields))
 
-    def sent(self, simulator: SimulatorThread, kind: type[Any]) -> list[float]:
+    def sent(self, robot: Robot, kind: type[Any]) -> list[float]:
         """Return the limits that the chassis has got, in m/s."""
         modes = [
             each.message.nav_mode
-            for each in simulator.received
+            for each in robot.chassis.received
             if type(each.message) is kind and each.message.HasField("nav_mode")
         ]
         return [round(mode.max_speed, 3) for mode in modes]
 
-    def test_each_navigation_gets_it(
-        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
-    ) -> None:
-        slow_down(simulator)
+    def test_each_navigation_gets_it(self, robot: Robot, limit: Callable[..., None]) -> None:
+        slow_down(robot.chassis)
         limit(speed_limit=0.3)
         for distance in (1.0, 0.5):
-            goal = go(client, distance)
+            goal = go(robot, distance)
             goal.feedback.wait(lambda each: each.navigation_time.nanosec > 600_000_000)
-            speed = simulator.state.velocity.speed
+            speed = robot.chassis.state.velocity.speed
             assert speed <= 0.31
-            hurry(simulator)
+            hurry(robot.chassis)
             assert goal.result()[0] == SUCCEEDED
-            slow_down(simulator)
-        assert set(self.sent(simulator, CallAction)) == {0.3}
-        assert len(self.sent(simulator, CallAction)) >= 2
+            slow_down(robot.chassis)
+        assert set(self.sent(robot, CallAction)) == {0.3}
+        assert len(self.sent(robot, CallAction)) >= 2
 
     def test_a_percentage_is_one_of_the_highest_speed(
-        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+        self, robot: Robot, limit: Callable[..., None]
     ) -> None:
         limit(percentage=True, speed_limit=40.0)
-        assert go(client, 1.0).result()[0] == SUCCEEDED
-        assert set(self.sent(simulator, CallAction)) == {0.4}
+        assert go(robot, 1.0).result()[0] == SUCCEEDED
+        assert set(self.sent(robot, CallAction)) == {0.4}
 
-    def test_it_is_taken_back(
-        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
-    ) -> None:
-        slow_down(simulator)
+    def test_it_is_taken_back(self, robot: Robot, limit: Callable[..., None]) -> None:
+        slow_down(robot.chassis)
         limit(speed_limit=0.2)
-        goal = go(client, 3.0)
-        wait_until(lambda: self.sent(simulator, CallAction), "the limit is sent")
+        goal = go(robot, 3.0)
+        wait_until(lambda: self.sent(robot, CallAction), "the limit is sent")
         limit(speed_limit=0.0)
-        wait_until(lambda: self.sent(simulator, CallAction)[-1] == 0.0, "the limit is taken back")
-        hurry(simulator)
+        wait_until(lambda: self.sent(robot, CallAction)[-1] == 0.0, "the limit is taken back")
+        hurry(robot.chassis)
         assert goal.result()[0] == SUCCEEDED
-        before = len(self.sent(simulator, CallAction))
-        assert go(client, 1.0).result()[0] == SUCCEEDED
-        assert len(self.sent(simulator, CallAction)) == before
+        before = len(self.sent(robot, CallAction))
+        assert go(robot, 1.0).result()[0] == SUCCEEDED
+        assert len(self.sent(robot, CallAction)) == before
 
-    def test_a_task_gets_it_too(
-        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
-    ) -> None:
+    def test_a_task_gets_it_too(self, robot: Robot, limit: Callable[..., None]) -> None:
         limit(speed_limit=0.5)
-        running = task(client)
-        wait_until(lambda: self.sent(simulator, ChangeNavMode) == [0.5], "the limit is sent")
+        running = task(robot)
+        wait_until(lambda: self.sent(robot, ChangeNavMode) == [0.5], "the limit is sent")
         running.cancel()
 
     @pytest.mark.parametrize(
@@ -246,47 +220,42 @@ class TestSpeedLimit:
         ids=["task", "action", "action of which the robot tells nothing"],
     )
     def test_one_that_comes_without_a_link_is_sent_when_the_link_is_back(
-        self,
-        robot: Robot,
-        simulator: SimulatorThread,
-        limit: Callable[..., None],
-        kind: type[Any],
-        refused: str,
+        self, robot: Robot, limit: Callable[..., None], kind: type[Any], refused: str
     ) -> None:
-        slow_down(simulator)
+        slow_down(robot.chassis)
         if refused:
-            simulator.inject("refuse", type=refused)
+            robot.chassis.inject("refuse", type=refused)
         if kind is CallAction:
             go(robot, 5.0)
         else:
             task(robot, mark="A23")
-        wait_until(lambda: not stands(simulator), "the robot drives")
-        switched_off = simulator.inject("off")
+        wait_until(lambda: not stands(robot.chassis), "the robot drives")
+        switched_off = robot.chassis.inject("off")
         robot.wait_lost()
         limit(speed_limit=0.2)
-        stop_time(simulator)  # so that no further report comes
+        stop_time(robot.chassis)  # so that no further report comes
         switched_off.clear()
-        wait_until(lambda: self.sent(simulator, kind) == [0.2], "the limit is sent")
+        wait_until(lambda: self.sent(robot, kind) == [0.2], "the limit is sent")
 
     def test_another_clients_navigation_gets_it_after_a_loss_of_the_link(
-        self, robot: Robot, simulator: SimulatorThread, limit: Callable[..., None]
+        self, robot: Robot, limit: Callable[..., None]
     ) -> None:
         """Also if the navigation before ended during the loss, without a report."""
-        slow_down(simulator)
+        slow_down(robot.chassis)
         limit(speed_limit=0.3)
         goal = go(robot, 1.0)
-        wait_until(lambda: self.sent(simulator, CallAction) == [0.3], "the limit is sent")
-        switched_off = simulator.inject("off")
+        wait_until(lambda: self.sent(robot, CallAction) == [0.3], "the limit is sent")
+        switched_off = robot.chassis.inject("off")
         robot.wait_lost()
-        hurry(simulator)
-        wait_until(lambda: not navigates(simulator), "the end of the navigation")
+        hurry(robot.chassis)
+        wait_until(lambda: not navigates(robot), "the end of the navigation")
         switched_off.clear()
         goal.result()
-        slow_down(simulator)
-        simulator.call(
+        slow_down(robot.chassis)
+        robot.chassis.call(
             lambda sim: sim.chassis.ownership.start_action(MOVE_BASE, Navigate(Pose(*START)))
         )
-        wait_until(lambda: self.sent(simulator, CallAction) == [0.3] * 2, "the limit is sent")
+        wait_until(lambda: self.sent(robot, CallAction) == [0.3] * 2, "the limit is sent")
 
     @pytest.mark.parametrize(
         "fields",
@@ -299,67 +268,51 @@ class TestSpeedLimit:
         ids=str,
     )
     def test_the_highest_speed_is_no_limit(
-        self,
-        client: Client,
-        simulator: SimulatorThread,
-        limit: Callable[..., None],
-        fields: dict[str, Any],
+        self, robot: Robot, limit: Callable[..., None], fields: dict[str, Any]
     ) -> None:
         """The chassis takes a limit as its speed, so a high one would make the robot faster."""
         limit(speed_limit=0.3)
-        assert go(client, 0.5).result()[0] == SUCCEEDED
-        assert self.sent(simulator, CallAction)[-1] == 0.3
+        assert go(robot, 0.5).result()[0] == SUCCEEDED
+        assert self.sent(robot, CallAction)[-1] == 0.3
         limit(**fields)
-        assert go(client, 1.0).result()[0] == SUCCEEDED
-        assert self.sent(simulator, CallAction)[-1] == 0.0
+        assert go(robot, 1.0).result()[0] == SUCCEEDED
+        assert self.sent(robot, CallAction)[-1] == 0.0
 
     def test_a_limit_above_that_of_cmd_vel_holds(
-        self,
-        client: Client,
-        simulator: SimulatorThread,
-        limit: Callable[..., None],
+        self, robot: Robot, limit: Callable[..., None]
     ) -> None:
         """That of cmd_vel says nothing about the speed of navigation."""
         lower = Parameter("cmd_vel_max_linear", value=0.2).to_parameter_msg()
-        answer = client.call(SetParameters, "agent/set_parameters", parameters=[lower])
+        answer = robot.call(SetParameters, "agent/set_parameters", parameters=[lower])
         assert answer.results[0].successful
         limit(speed_limit=0.5)
-        assert go(client, 1.0).result()[0] == SUCCEEDED
-        assert set(self.sent(simulator, CallAction)) == {0.5}
+        assert go(robot, 1.0).result()[0] == SUCCEEDED
+        assert set(self.sent(robot, CallAction)) == {0.5}
 
     def test_a_refused_limit_ends_a_navigation(
-        self, client: Client, simulator: SimulatorThread, limit: Callable[..., None]
+        self, robot: Robot, limit: Callable[..., None]
     ) -> None:
         """Without its limit, the robot would drive faster than it should."""
-        slow_down(simulator)
+        slow_down(robot.chassis)
         limit(speed_limit=0.001)
-        go(client, 5.0).wait_aborted("the robot refused the speed limit of 0.001 m/s")
-        assert stands(simulator)
+        go(robot, 5.0).wait_aborted("the robot refused the speed limit of 0.001 m/s")
+        assert stands(robot.chassis)
 
     def test_a_refused_limit_of_another_navigation_is_logged(
-        self,
-        client: Client,
-        simulator: SimulatorThread,
-        limit: Callable[..., None],
-        logs: Logs,
+        self, robot: Robot, limit: Callable[..., None], logs: Logs
     ) -> None:
-        slow_down(simulator)
+        slow_down(robot.chassis)
         limit(speed_limit=0.001)
-        goal = move_base(client, 1.0)
+        goal = move_base(robot, 1.0)
         logs.wait_text("refused the speed limit")
-        hurry(simulator)
+        hurry(robot.chassis)
         assert goal.result()[0] == SUCCEEDED
 
     @pytest.mark.parametrize("value", [-1.0, math.nan])
     def test_a_limit_that_is_none_is_ignored(
-        self,
-        client: Client,
-        simulator: SimulatorThread,
-        limit: Callable[..., None],
-        logs: Logs,
-        value: float,
+        self, robot: Robot, limit: Callable[..., None], logs: Logs, value: float
     ) -> None:
         limit(speed_limit=value)
         logs.wait_text("speed_limit is ignored")
-        assert go(client, 0.5).result()[0] == SUCCEEDED
-        assert self.sent(simulator, CallAction) == []
+        assert go(robot, 0.5).result()[0] == SUCCEEDED
+        assert self.sent(robot, CallAction) == []

@@ -18,9 +18,9 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import is_driving
-from tests.tools.waiting import TIMEOUT
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 from urllib.parse import urlsplit
 
-from tests.tools.waiting import TIMEOUT
+from tests.asynchronous import TIMEOUT
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.transport import Connect

@@ -13,9 +13,9 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import Page, page
-from tests.tools.waiting import TIMEOUT, aio
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 
@@ -32,7 +32,6 @@ async def page_beside() -> AsyncIterator[tuple[SimulatedChassis, Page]]:
         yield simulator, viewer
 
 
-@aio
 async def test_an_obstacle_is_put_and_removed() -> None:
     async with page_beside() as (simulator, viewer):
         await viewer.give("fault", text="obstacle x=1.0 y=-6.0 radius=0.4")
@@ -45,21 +44,6 @@ async def test_an_obstacle_is_put_and_removed() -> None:
         assert await viewer.refused("endFault", id=fault["id"]) == "this fault has ended already"
 
 
-@aio
-async def test_an_obstacle_far_away_disturbs_nothing() -> None:
-    async with page_beside() as (simulator, viewer):
-        await viewer.give("fault", text="obstacle x=1e300 y=-1e300 radius=100")
-        (fault,) = await viewer.until(lambda parts: parts["simulator"]["faults"])
-        assert (fault["x"], fault["y"]) == (1e300, -1e300)
-        scans = viewer.scans
-        await viewer.until(lambda _: viewer.scans > scans + 2)
-        await viewer.give("goMark", mark="A2")
-        await viewer.until(lambda parts: parts["pose"]["linear"] > 0.1)
-        await viewer.give("endFault", id=fault["id"])
-        assert simulator.chassis.obstacles.names == ()
-
-
-@aio
 async def test_faults_begin_and_end() -> None:
     async with page_beside() as (simulator, viewer):
         await viewer.give("fault", text="emergency_stop")
@@ -84,14 +68,12 @@ async def test_faults_begin_and_end() -> None:
         (7, "at most 300 characters"),
     ],
 )
-@aio
 async def test_an_invalid_fault_is_refused(text: object, reason: str) -> None:
     async with page_beside() as (simulator, viewer):
         assert reason in await viewer.refused("fault", text=text)
         assert simulator.faults == []
 
 
-@aio
 async def test_the_number_of_faults_is_limited() -> None:
     async with page_beside() as (simulator, viewer):
         for _ in range(100):

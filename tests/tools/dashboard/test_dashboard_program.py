@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 import pytest
 from websockets.exceptions import InvalidHandshake
 
+from tests.asynchronous import eventually
 from tests.tools.dashboard.pages import fetch, page, place, program
-from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import SimulatorThread
@@ -33,7 +33,6 @@ async def end_while_driving(chassis: SimulatorThread, end: signal.Signals) -> in
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
-@aio
 async def test_the_end_of_the_program_stops_the_robot(
     chassis: SimulatorThread, end: signal.Signals
 ) -> None:
@@ -41,7 +40,6 @@ async def test_the_end_of_the_program_stops_the_robot(
     assert chassis.last(full_name(Twist)) == Twist()  # otherwise the chassis has stopped by itself
 
 
-@aio
 async def test_the_chassis_stops_by_itself_when_the_program_is_killed(
     chassis: SimulatorThread,
 ) -> None:
@@ -66,7 +64,6 @@ def certificate(tmp_path: Path) -> list[str]:
     return ["--tls-cert", files[0], "--tls-key", files[1]]
 
 
-@aio
 async def test_the_page_is_served_over_https(
     chassis: SimulatorThread, certificate: list[str]
 ) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import (
     TOO_SLOW,
@@ -24,7 +25,6 @@ from tests.tools.dashboard.pages import (
     page,
     say,
 )
-from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
@@ -57,7 +57,6 @@ async def hold(
         await eventually(until)
 
 
-@aio
 async def test_a_click_sends_the_robot_to_a_place_and_to_a_mark(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         assert await viewer.command("go", x=3.0, y=-5.0, theta=0.5) == (True, "Go: accepted")
@@ -88,7 +87,6 @@ _COMMANDS: list[tuple[str, dict[str, Any], Any]] = [
 ]
 
 
-@aio
 async def test_commands_become_requests(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         here = chassis.state.pose
@@ -105,7 +103,6 @@ async def test_commands_become_requests(chassis: SimulatorThread) -> None:
         await viewer.until(lambda parts: parts["robot"]["work"] == "deploy")
 
 
-@aio
 async def test_the_pose_of_a_robot_that_has_none_initialises_it() -> None:
     config = quick_config(port=0, tcp_port=0, initialised=False)
     with SimulatorThread(config) as chassis:
@@ -124,7 +121,6 @@ async def test_the_pose_of_a_robot_that_has_none_initialises_it() -> None:
         ("key_switch", "controlMode", {"mode": "auto"}, "manual mode, set by its key switch"),
     ],
 )
-@aio
 async def test_a_refusal_says_why(
     chassis: SimulatorThread, fault: str, name: str, args: dict[str, Any], reason: str
 ) -> None:
@@ -165,7 +161,6 @@ async def test_a_refusal_says_why(
         ("fault", {"text": "emergency_stop"}),
     ],
 )
-@aio
 async def test_an_invalid_command_is_refused(
     chassis: SimulatorThread, name: str, args: dict[str, Any]
 ) -> None:
@@ -175,7 +170,6 @@ async def test_an_invalid_command_is_refused(
         assert chassis.counts[full_name(ExecTask)] == before[full_name(ExecTask)]
 
 
-@aio
 async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
         await viewer.ready()
@@ -193,7 +187,6 @@ async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorTh
 
 
 @pytest.mark.parametrize("end", ["hidden", "closed", "aborted", "silent", "switched", "released"])
-@aio
 async def test_a_driver_that_goes_away_stops_the_robot(
     chassis: SimulatorThread, other: SimulatorThread, end: str
 ) -> None:
@@ -221,7 +214,6 @@ async def test_a_driver_that_goes_away_stops_the_robot(
             await watcher.until(lambda parts: parts["control"]["owner"] is None)
 
 
-@aio
 async def test_the_stick_is_limited(chassis: SimulatorThread) -> None:
     async with controlled(chassis, max_linear=0.2, max_angular=0.3) as viewer:
         for linear, angular in ((5.0, 0.0), (0.0, 5.0)):
@@ -233,7 +225,6 @@ async def test_the_stick_is_limited(chassis: SimulatorThread) -> None:
             await eventually(lambda: last(chassis, Twist) == Twist())
 
 
-@aio
 async def test_the_stick_drives_during_a_task_only_while_it_is_paused(
     chassis: SimulatorThread,
 ) -> None:
@@ -249,7 +240,6 @@ async def test_the_stick_drives_during_a_task_only_while_it_is_paused(
         assert viewer.parts["robot"]["task"]["state"] == "paused"
 
 
-@aio
 async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         for count, wrong in enumerate((0, 10**14), start=1):
@@ -265,7 +255,6 @@ async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
     ("name", "shown", "sent"),
     [("go", "Go", ExecTask), ("goMark", "Go", ExecTask), ("setPose", "Set pose", SetRobotPose)],
 )
-@aio
 async def test_a_place_of_another_map_is_not_sent(
     chassis: SimulatorThread, name: str, shown: str, sent: Any
 ) -> None:
@@ -280,7 +269,6 @@ async def test_a_place_of_another_map_is_not_sent(
 
 
 @pytest.mark.parametrize("name", ["go", "goMark", "continue", "setPose", "workMode", "controlMode"])
-@aio
 async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -> None:
     async with controlled(chassis) as viewer:
         before = chassis.counts
@@ -295,7 +283,6 @@ async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -
 
 
 @pytest.mark.parametrize("direction", ["to the robot", "to the page"])
-@aio
 async def test_over_a_constantly_slow_connection_only_a_stop_reaches_the_robot(
     chassis: SimulatorThread, direction: str
 ) -> None:
@@ -316,7 +303,6 @@ async def test_over_a_constantly_slow_connection_only_a_stop_reaches_the_robot(
         assert chassis.counts[TWIST] == 1
 
 
-@aio
 async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread) -> None:
     async with controlled_by_two(chassis) as (driver, other):
         await driver.give("goMark", mark="A2")
@@ -337,7 +323,6 @@ async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread
         await other.give("goMark", mark="A2")
 
 
-@aio
 async def test_after_a_stop_nothing_moves_for_a_moment(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         clock = await viewer.until(lambda parts: parts["clock"])
@@ -351,7 +336,6 @@ async def test_after_a_stop_nothing_moves_for_a_moment(chassis: SimulatorThread)
 
 
 @pytest.mark.parametrize("who", ["driver", "other"])
-@aio
 async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, who: str) -> None:
     async with controlled_by_two(chassis) as (driver, other):
         async with driver.holds(0.3):
@@ -370,7 +354,6 @@ async def test_after_a_stop_only_another_press_drives(chassis: SimulatorThread, 
         await hold(driver, lambda: is_driving(chassis))
 
 
-@aio
 async def test_a_press_that_rested_during_a_stop_drives_no_more(chassis: SimulatorThread) -> None:
     async with controlled_by_two(chassis) as (driver, other):
         driver.press += 1
@@ -388,7 +371,6 @@ async def test_a_press_that_rested_during_a_stop_drives_no_more(chassis: Simulat
         await hold(driver, lambda: is_driving(chassis))
 
 
-@aio
 async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
     chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -402,7 +384,6 @@ async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
         await first.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
-@aio
 @pytest.mark.parametrize("how", ["release", "watch"])
 async def test_a_press_does_not_take_the_control_again_that_was_given_back(
     chassis: SimulatorThread, how: str
@@ -421,7 +402,6 @@ async def test_a_press_does_not_take_the_control_again_that_was_given_back(
         assert viewer.parts["control"]["owner"] is None
 
 
-@aio
 async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await hold(viewer, lambda: is_driving(chassis))
@@ -436,7 +416,6 @@ async def test_a_press_that_was_silent_drives_no_more(chassis: SimulatorThread) 
         assert chassis.last(TWIST) == Twist()
 
 
-@aio
 async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         chassis.refuse(TWIST, "the wheels are blocked")
@@ -451,25 +430,6 @@ async def test_a_velocity_that_the_robot_refuses_ends_the_press(chassis: Simulat
         await hold(viewer, lambda: is_driving(chassis))
 
 
-@aio
-async def test_a_press_that_lost_the_link_to_the_robot_drives_no_more(
-    chassis: SimulatorThread,
-) -> None:
-    async with controlled(chassis) as viewer, viewer.holds(0.3):
-        await eventually(lambda: is_driving(chassis))
-        chassis.stop_listening()
-        await viewer.until(lambda parts: parts["link"]["state"] == "lost")
-        await viewer.passed(0.2)
-        chassis.listen()
-        await viewer.ready()
-        await eventually(lambda: is_stopped_by_zero(chassis))
-        sent = chassis.counts[TWIST]
-        await viewer.passed(0.5)
-        assert "there is no link to the chassis" in viewer.refusals
-        assert (chassis.counts[TWIST], is_stopped_by_zero(chassis)) == (sent, True)
-
-
-@aio
 async def test_a_refused_velocity_has_the_words_of_the_robot_and_the_reason() -> None:
     with SimulatorThread(quick_config(port=0, tcp_port=0, profile="tr200")) as chassis:
         async with controlled(chassis) as viewer:
@@ -484,7 +444,6 @@ async def test_a_refused_velocity_has_the_words_of_the_robot_and_the_reason() ->
             assert len(text) == 1
 
 
-@aio
 async def test_a_robot_that_sends_nothing_is_not_driven(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         async with viewer.holds(0.3):
@@ -502,7 +461,6 @@ async def test_a_robot_that_sends_nothing_is_not_driven(chassis: SimulatorThread
         await hold(viewer, lambda: is_driving(chassis))
 
 
-@aio
 async def test_a_press_may_rest_in_the_middle_of_the_stick(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
 
@@ -538,7 +496,6 @@ async def test_a_press_may_rest_in_the_middle_of_the_stick(chassis: SimulatorThr
         {"clock": 1e16},
     ],
 )
-@aio
 async def test_an_invalid_velocity_ends_the_connection(
     chassis: SimulatorThread, wrong: dict[str, Any]
 ) -> None:
@@ -549,7 +506,6 @@ async def test_an_invalid_velocity_ends_the_connection(
         assert chassis.counts[TWIST] == 0
 
 
-@aio
 async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
     chassis: SimulatorThread,
 ) -> None:
@@ -559,7 +515,6 @@ async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
         await other.until(lambda parts: parts["control"]["owner"] is None)
 
 
-@aio
 async def test_too_many_commands_wait_for_each_other_but_what_ends_a_motion_does_not(
     chassis: SimulatorThread,
 ) -> None:
@@ -577,7 +532,6 @@ async def test_too_many_commands_wait_for_each_other_but_what_ends_a_motion_does
 
 
 @pytest.mark.parametrize("name", ["goMark", "stop"])
-@aio
 async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
     chassis: SimulatorThread, other: SimulatorThread, name: str
 ) -> None:
@@ -598,7 +552,6 @@ async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
         assert other.counts[sent] == 0
 
 
-@aio
 async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
     chassis: SimulatorThread, other: SimulatorThread, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -622,7 +575,6 @@ async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
 
 
 @pytest.mark.parametrize("fault", ["lose_answer", "delay", "key_switch"])
-@aio
 async def test_a_robot_that_stops_obeying_ends_the_press(
     chassis: SimulatorThread, fault: str
 ) -> None:
@@ -647,7 +599,6 @@ async def test_a_robot_that_stops_obeying_ends_the_press(
             await hold(viewer, lambda: is_driving(chassis))
 
 
-@aio
 async def test_a_lost_link_to_the_robot_ends_the_press(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         async with viewer.holds(0.3):
@@ -664,7 +615,6 @@ async def test_a_lost_link_to_the_robot_ends_the_press(chassis: SimulatorThread)
         await hold(viewer, lambda: is_driving(chassis))
 
 
-@aio
 async def test_a_command_is_named_in_english_as_its_button(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         chassis.inject("key_switch", requests="accepted")

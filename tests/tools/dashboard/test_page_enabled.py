@@ -7,10 +7,10 @@ import re
 
 import pytest
 
+from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import set_speed
 from tests.tools.dashboard.browsers import Browser, SimulatedPage, are_apart, eventually
 from tests.tools.dashboard.pages import page
-from tests.tools.waiting import TIMEOUT
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, InitRobot
 from woosh_robot_agent.pb.util import action_pb2 as action

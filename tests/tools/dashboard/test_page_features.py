@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.asynchronous import TIMEOUT, eventually
 from tests.tools.dashboard.pages import controlled, dashboard, fetch, last, page, place
-from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkState
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -35,7 +35,6 @@ from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_
 _REAL_GROUPS = Path(__file__).parents[2] / "facts/real_scene/action_groups.json"
 
 
-@aio
 async def test_a_way_is_planned_without_being_driven(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         here = await viewer.until(lambda parts: parts["pose"])
@@ -57,7 +56,6 @@ async def test_a_way_is_planned_without_being_driven(chassis: SimulatorThread) -
         assert reason == "the robot has lost its localisation (the robot: Request failed)"
 
 
-@aio
 async def test_the_path_of_a_task_that_runs_already_is_known(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.give("goMark", mark="A2")
@@ -66,7 +64,6 @@ async def test_the_path_of_a_task_that_runs_already_is_known(chassis: SimulatorT
         await viewer.until(lambda parts: parts["path"])
 
 
-@aio
 async def test_no_path_is_shown_but_that_of_a_task_or_navigation_on_this_map(
     chassis: SimulatorThread,
 ) -> None:
@@ -98,14 +95,12 @@ async def test_no_path_is_shown_but_that_of_a_task_or_navigation_on_this_map(
         await viewer.until(lambda parts: parts["link"]["good"] and not parts["path"])
 
 
-@aio
 async def test_a_robot_that_was_never_connected_is_not_lost(chassis: SimulatorThread) -> None:
     chassis.stop_listening()
     async with dashboard(chassis) as running, page(running) as viewer:
         await viewer.until(lambda parts: parts["fleet"][0]["link"] == "not connected")
 
 
-@aio
 async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         await eventually(lambda: len(running.robots[0].history["samples"]) > 1)
@@ -121,7 +116,6 @@ async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) ->
             assert delay > 0.0
 
 
-@aio
 async def test_the_history_goes_on_when_the_clock_is_set(
     chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,7 +132,6 @@ async def test_the_history_goes_on_when_the_clock_is_set(
             assert 0 < min(steps) <= max(steps) < TIMEOUT
 
 
-@aio
 async def test_a_robot_that_hangs_has_no_speed_in_the_history(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.give("goMark", mark="A2")
@@ -153,7 +146,6 @@ async def test_a_robot_that_hangs_has_no_speed_in_the_history(chassis: Simulator
         assert speeds[-1] is None
 
 
-@aio
 async def test_a_speed_limit_holds_for_tasks_and_for_the_stick(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.give("speedLimit", limit=0.2)
@@ -175,7 +167,6 @@ async def test_a_speed_limit_holds_for_tasks_and_for_the_stick(chassis: Simulato
             assert last(chassis, Twist).linear == pytest.approx(0.1)
 
 
-@aio
 async def test_a_refused_speed_limit_is_told(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         chassis.refuse(full_name(ChangeNavMode), "not today")
@@ -184,7 +175,6 @@ async def test_a_refused_speed_limit_is_told(chassis: SimulatorThread) -> None:
         await viewer.until(lambda parts: parts["control"]["speedRefusal"] == "not today")
 
 
-@aio
 async def test_maps_are_made_and_switched(chassis: SimulatorThread) -> None:
     pytest.importorskip("scipy", reason="the simulated chassis makes maps with it")
     async with controlled(chassis) as viewer:
@@ -202,7 +192,6 @@ async def test_maps_are_made_and_switched(chassis: SimulatorThread) -> None:
         assert last(chassis, InitRobot).is_record
 
 
-@aio
 async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
     chassis: SimulatorThread, other: SimulatorThread
 ) -> None:
@@ -225,7 +214,6 @@ async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
         await viewer.until(lambda parts: parts["fleet"][1]["silence"] > 0)
 
 
-@aio
 async def test_a_card_that_cannot_be_made_is_logged_and_not_shown_as_live(
     chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -239,7 +227,6 @@ async def test_a_card_that_cannot_be_made_is_logged_and_not_shown_as_live(
         await viewer.until(lambda parts: parts["link"]["state"] == "failed")
 
 
-@aio
 async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True, host="0.0.0.0") as running:
         port = place(running).rpartition(":")[2]
@@ -275,7 +262,6 @@ async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
             await controlling.give("goMark", mark="A2")
 
 
-@aio
 async def test_without_control_the_address_to_control_only_shows(chassis: SimulatorThread) -> None:
     tokens = new_tokens()
     for control in (True, False, True):

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from PIL import Image
 
+from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import Delay, controlled, dashboard, delayed, fetch, page, say
-from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -27,7 +27,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     RobotState,
     ScannerData,
 )
-from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.part_data import (
     lanes_data,
@@ -39,7 +38,6 @@ from woosh_robot_agent.tools.dashboard.part_data import (
 from woosh_robot_agent.tools.dashboard.parts import Parts
 
 
-@aio
 async def test_a_page_gets_the_state_of_the_robot(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
         pose = await viewer.until(lambda parts: parts["pose"])
@@ -61,32 +59,6 @@ async def test_a_page_gets_the_state_of_the_robot(chassis: SimulatorThread) -> N
         assert {"name": "wooshmap", "maps": ["wooshmap"]} in scenes
 
 
-@aio
-async def test_the_map_is_a_picture_with_marks(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        area = await viewer.until(lambda parts: parts["map"].get("resolution") and parts["map"])
-        assert math.isclose(area["resolution"], 0.05, abs_tol=1e-6)
-        assert "A2" in {mark["number"] for mark in area["marks"]}
-        status, headers, body = await fetch(running, f"/map/0/{area['number']}.png")
-        assert (status, headers["content-type"]) == (200, "image/png")
-        with Image.open(io.BytesIO(body)) as image:
-            assert image.format == "PNG"
-            assert image.width > 100
-
-
-@aio
-async def test_no_map_is_shown_but_the_one_that_the_robot_uses(chassis: SimulatorThread) -> None:
-    async with controlled(chassis) as viewer:
-        await viewer.until(lambda parts: parts["map"]["marks"])
-        chassis.refuse(full_name(SceneData), "the scene is damaged")
-        await viewer.give("switchMap", scene="scenex", map="scenex2")
-        area = await viewer.until(lambda parts: parts["map"]["error"] and parts["map"])
-        assert set(area) == {"number", "error"}
-        chassis.clear_faults()
-        await viewer.until(lambda parts: parts["map"]["name"] == "scenex2")
-
-
-@aio
 async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.until(lambda parts: parts["map"]["marks"])
@@ -98,7 +70,6 @@ async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThre
         assert viewer.parts["map"]["name"] == "wooshmap"
 
 
-@aio
 async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
@@ -117,20 +88,6 @@ async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) 
         await viewer.until(lambda parts: parts["map"]["marks"])  # that of the scene again
 
 
-@aio
-async def test_a_page_sees_an_emergency_stop_and_its_remedy(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        await viewer.until(lambda parts: parts["robot"]["known"])
-        chassis.set_emergency_stop(True)
-        robot = await viewer.until(lambda parts: parts["robot"]["emergencyStop"] and parts["robot"])
-        assert robot["objections"][0]["name"] == "emergency_stop"
-        codes = await viewer.until(lambda parts: parts["codes"])
-        assert codes[0]["level"] == "fault"
-        assert "emergency stop" in codes[0]["meaning"]
-        assert abs(codes[0]["time"] / 1000 - time.time()) < TIMEOUT
-
-
-@aio
 async def test_a_jump_of_the_robots_clock_moves_no_earlier_message(
     chassis: SimulatorThread,
 ) -> None:
@@ -149,30 +106,6 @@ async def test_a_jump_of_the_robots_clock_moves_no_earlier_message(
         assert abs(newest["time"] / 1000 - time.time()) < TIMEOUT
 
 
-@aio
-async def test_a_page_follows_a_task(chassis: SimulatorThread) -> None:
-    config = LinkConfig("127.0.0.1", chassis.port)
-    async with (
-        dashboard(chassis) as running,
-        page(running) as viewer,
-        ChassisClient(config=config) as client,
-    ):
-        before = await viewer.until(lambda parts: parts["pose"])
-        await client.request(ExecTask(task_id=7, type=task_pb2.kPick, mark_no="A2"))
-        task = await viewer.until(lambda parts: parts["robot"]["task"])
-        assert (task["id"], task["running"]) == ("7", True)
-        reasons = await viewer.until(lambda parts: parts["robot"]["objections"])
-        assert [each["name"] for each in reasons] == ["busy"]
-        assert len(await viewer.until(lambda parts: parts["path"])) > 1
-        await viewer.until(
-            lambda parts: (
-                math.dist((parts["pose"]["x"], parts["pose"]["y"]), (before["x"], before["y"]))
-                > 0.3
-            )
-        )
-
-
-@aio
 async def test_scans_are_requested_only_while_somebody_watches(chassis: SimulatorThread) -> None:
     scanner = full_name(ScannerData)
     async with dashboard(chassis, scan_rate=50.0) as running:
@@ -224,21 +157,6 @@ def test_a_speed_that_is_no_number_is_no_standstill() -> None:
     assert pose_data(info) is None
 
 
-@aio
-async def test_a_lost_link_is_shown_with_the_last_state(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        await viewer.ready()
-        chassis.stop_listening()
-        link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
-        assert link["state"] == "lost"
-        assert link["error"]
-        assert link["advice"] == f"--ip 127.0.0.1:{chassis.port}"
-        assert viewer.parts["robot"]["id"] == 30001
-        chassis.listen()
-        await viewer.until(lambda parts: parts["link"]["good"])
-
-
-@aio
 async def test_a_lost_robot_that_nobody_has_watched_is_shown_with_its_map(
     chassis: SimulatorThread, other: SimulatorThread
 ) -> None:
@@ -250,7 +168,6 @@ async def test_a_lost_robot_that_nobody_has_watched_is_shown_with_its_map(
         await viewer.until(lambda parts: parts["robot"]["id"] == 8 and parts["map"]["marks"])
 
 
-@aio
 async def test_another_robot_at_the_address_is_refused(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         chassis.stop_listening()
@@ -271,22 +188,6 @@ async def test_another_robot_at_the_address_is_refused(chassis: SimulatorThread)
         await viewer.until(lambda parts: parts["link"]["good"])
 
 
-@aio
-async def test_a_robot_that_hangs_has_no_data(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        await viewer.ready()
-        freeze = chassis.inject("freeze")  # the connection stays, and pings are answered
-        link = await viewer.until(lambda parts: not parts["link"]["good"] and parts["link"])
-        assert link["state"] == "connected"
-        assert link["silence"] >= 1
-        await viewer.until(lambda parts: parts["link"]["silence"] > link["silence"])  # it counts
-        await viewer.until(lambda parts: parts["fleet"][0]["silence"] > 0)
-        freeze.clear()
-        await viewer.until(lambda parts: parts["link"]["good"])
-        await viewer.until(lambda parts: parts["fleet"][0]["silence"] == 0)
-
-
-@aio
 async def test_a_robot_that_is_no_longer_updated_is_not_shown_as_live(
     chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -309,7 +210,6 @@ async def test_a_robot_that_is_no_longer_updated_is_not_shown_as_live(
         await viewer.ready()  # it ends as usual
 
 
-@aio
 async def test_a_standing_robot_with_rare_scans_has_data(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, scan_rate=0.1) as running, page(running) as viewer:
         await viewer.ready()
@@ -323,7 +223,6 @@ async def test_a_standing_robot_with_rare_scans_has_data(chassis: SimulatorThrea
         await eventually(is_asked)
 
 
-@aio
 async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
         robot = running.robots[0]
@@ -344,7 +243,6 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
         assert seen == {0}
 
 
-@aio
 async def test_a_page_with_a_slow_connection_gets_the_newest_state(
     chassis: SimulatorThread,
 ) -> None:
@@ -360,7 +258,6 @@ async def test_a_page_with_a_slow_connection_gets_the_newest_state(
         assert asyncio.get_running_loop().time() - viewer.parts["clock"] / 1000.0 < 6.0
 
 
-@aio
 async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
     chassis: SimulatorThread,
 ) -> None:
@@ -381,7 +278,6 @@ async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
         await slow.until(lambda parts: parts["pose"]["x"] == 2.5)
 
 
-@aio
 async def test_a_part_that_has_not_changed_is_not_encoded_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

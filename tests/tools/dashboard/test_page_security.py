@@ -11,8 +11,8 @@ import pytest
 from websockets.exceptions import InvalidHandshake
 from websockets.frames import Frame, Opcode
 
+from tests.asynchronous import TIMEOUT, eventually
 from tests.tools.dashboard.pages import dashboard, fetch, page, place
-from tests.tools.waiting import TIMEOUT, aio, eventually
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard.access import Role
 from woosh_robot_agent.tools.dashboard.server import Dashboard
@@ -30,7 +30,6 @@ async def refused_socket(running: Dashboard, **headers: str) -> int:
     return int(getattr(error, "response", error).status_code)
 
 
-@aio
 async def test_every_response_has_the_security_headers(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         for path in ("/", "/main.js", "/nothing"):
@@ -61,14 +60,12 @@ async def test_every_response_has_the_security_headers(chassis: SimulatorThread)
         "//[",
     ],
 )
-@aio
 async def test_there_is_nothing_else_to_read(chassis: SimulatorThread, path: str) -> None:
     async with dashboard(chassis) as running:
         status, _, _ = await fetch(running, path)
         assert status == 404
 
 
-@aio
 async def test_a_refusal_is_in_the_language_of_the_browser(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         for languages, said in (
@@ -81,7 +78,6 @@ async def test_a_refusal_is_in_the_language_of_the_browser(chassis: SimulatorThr
             assert "charset=utf-8" in found["content-type"]
 
 
-@aio
 async def test_another_name_for_this_machine_is_refused(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         port = place(running).rpartition(":")[2]
@@ -96,13 +92,11 @@ async def test_another_name_for_this_machine_is_refused(chassis: SimulatorThread
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "", "http://127.0.0.1:1"])
-@aio
 async def test_pages_of_other_sites_cannot_connect(chassis: SimulatorThread, origin: str) -> None:
     async with dashboard(chassis) as running:
         assert await refused_socket(running, Origin=origin) == 403
 
 
-@aio
 async def test_other_machines_need_the_token(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as local_only:
         assert "token" not in local_only.url
@@ -124,7 +118,6 @@ async def test_other_machines_need_the_token(chassis: SimulatorThread) -> None:
             await viewer.until(lambda parts: parts["hello"])
 
 
-@aio
 async def test_a_token_of_the_user_may_have_any_characters(chassis: SimulatorThread) -> None:
     tokens = dict.fromkeys(Role, "of base64: a+b/c==; and ä")
     async with dashboard(chassis, host="0.0.0.0", tokens=tokens) as running:
@@ -155,7 +148,6 @@ async def test_a_token_of_the_user_may_have_any_characters(chassis: SimulatorThr
         b"\xff\xfe",
     ],
 )
-@aio
 async def test_a_message_that_the_page_never_sends_ends_the_connection(
     chassis: SimulatorThread, message: Any
 ) -> None:
@@ -164,7 +156,6 @@ async def test_a_message_that_the_page_never_sends_ends_the_connection(
         assert await viewer.closed() == _POLICY_VIOLATION
 
 
-@aio
 async def test_a_large_message_ends_the_connection(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
         await viewer.send(do="watch", robot=0, more="x" * 5000)
@@ -180,7 +171,6 @@ async def test_a_large_message_ends_the_connection(chassis: SimulatorThread) -> 
     ],
     ids=["messages", "pings", "fragments"],
 )
-@aio
 async def test_a_flood_ends_the_connection(chassis: SimulatorThread, frame: Any) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
         await viewer.until(lambda parts: parts["hello"])
@@ -193,7 +183,6 @@ async def test_a_flood_ends_the_connection(chassis: SimulatorThread, frame: Any)
             await other.until(lambda parts: parts["hello"])
 
 
-@aio
 async def test_a_viewer_for_which_too_much_waits_is_disconnected(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running, page(running) as viewer:
         await viewer.until(lambda parts: parts["hello"])
@@ -204,7 +193,6 @@ async def test_a_viewer_for_which_too_much_waits_is_disconnected(chassis: Simula
         assert await viewer.closed() == _CONNECTION_LOST
 
 
-@aio
 async def test_a_new_viewer_takes_the_place_of_one_that_does_not_drive(
     chassis: SimulatorThread,
 ) -> None:
@@ -225,7 +213,6 @@ async def test_a_new_viewer_takes_the_place_of_one_that_does_not_drive(
         await eventually(lambda: not running.robots[0].parts.watched)
 
 
-@aio
 async def test_no_place_is_left_if_all_viewers_have_control(chassis: SimulatorThread) -> None:
     async with (
         dashboard(chassis, max_viewers=0, control=True) as running,
@@ -237,7 +224,6 @@ async def test_no_place_is_left_if_all_viewers_have_control(chassis: SimulatorTh
             assert await other.closed() == _TRY_AGAIN_LATER
 
 
-@aio
 async def test_connections_that_ask_for_nothing_do_not_keep_viewers_out(
     chassis: SimulatorThread,
 ) -> None:
@@ -253,14 +239,12 @@ async def test_connections_that_ask_for_nothing_do_not_keep_viewers_out(
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "TRACE", "PROPFIND"])
-@aio
 async def test_other_methods_are_not_allowed(chassis: SimulatorThread, method: str) -> None:
     async with dashboard(chassis) as running:
         status, headers, _ = await fetch(running, "/", method=method)
         assert (status, headers["allow"]) == (405, "GET, HEAD")
 
 
-@aio
 async def test_head_is_get_without_content(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
         _, wanted, content = await fetch(running, "/")

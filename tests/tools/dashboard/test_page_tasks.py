@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import Page, controlled, dashboard, page
-from tests.tools.waiting import aio, eventually
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
@@ -42,7 +42,6 @@ async def newest(viewer: Page, **wanted: Any) -> dict[str, Any]:
     return found
 
 
-@aio
 async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThread) -> None:
     async with dashboard(real_chassis, control=True) as running, page(running) as viewer:
         await viewer.ready()
@@ -70,7 +69,6 @@ async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThrea
             assert (await newest(later))["changed"] == failed["changed"]
 
 
-@aio
 async def test_what_became_of_a_task_while_the_link_was_lost(
     real_chassis: SimulatorThread,
 ) -> None:
@@ -86,7 +84,6 @@ async def test_what_became_of_a_task_while_the_link_was_lost(
         await newest(viewer, to="A2", state="completed")
 
 
-@aio
 async def test_a_task_whose_end_was_not_seen(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.give("goMark", mark="A2")
@@ -108,7 +105,6 @@ async def test_a_task_whose_end_was_not_seen(chassis: SimulatorThread) -> None:
         (action.kTraffiCtrl, "held up"),
     ],
 )
-@aio
 async def test_a_task_that_drives_on_by_itself_is_not_paused(
     chassis: SimulatorThread, doing: action.State, shown: str
 ) -> None:
@@ -119,7 +115,6 @@ async def test_a_task_that_drives_on_by_itself_is_not_paused(
         await viewer.until(lambda parts: parts["robot"]["task"]["state"] == shown)
 
 
-@aio
 async def test_tasks_of_others_and_of_earlier_are_in_the_list(
     real_chassis: SimulatorThread,
 ) -> None:
@@ -135,7 +130,6 @@ async def test_tasks_of_others_and_of_earlier_are_in_the_list(
             await newest(viewer, id="8", type="parking", running=True, by="another client")
 
 
-@aio
 @pytest.mark.parametrize("by", ["page", "other"])
 async def test_where_a_task_to_a_place_goes(chassis: SimulatorThread, by: str) -> None:
     async with controlled(chassis) as viewer:
@@ -156,7 +150,6 @@ async def test_where_a_task_to_a_place_goes(chassis: SimulatorThread, by: str) -
         assert card["place"] == task_["place"]
 
 
-@aio
 async def test_the_answer_to_a_task_that_the_log_has_already_removed_is_ignored() -> None:
     def driver() -> Driver:
         raise AssertionError("no task of another program is reported")
