@@ -474,7 +474,7 @@ class Connection:
         if in_flight >= self.config.max_in_flight:
             text = _TOO_MANY(name=name, count=in_flight)
             self._stats.refused_requests[name] += 1
-            self._drops.count("requests were refused because too many were in flight", text)
+            self._drops.warn("request", text)
             raise TooManyRequestsError(text)
 
     def _take_sn(self) -> int:

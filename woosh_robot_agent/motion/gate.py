@@ -343,7 +343,7 @@ class MotionGate:
         """Count a velocity that was not sent; log the first one of a series, with the reason."""
         if self._forbidden_until < math.inf:  # after closing, refusals are expected
             self.superseded += 1
-            self._drops.count("velocity commands were out of date and not sent", reason)
+            self._drops.warn("velocity", reason)
 
     def on_stop(self, callback: Callable[[], None]) -> None:
         """Call `callback` at the beginning of each stop."""
@@ -493,5 +493,3 @@ class MotionGate:
             self._stalls.start()
         else:
             self._stalls.stop()
-        if state is LinkState.STOPPED:
-            self._drops.finish()
