@@ -21,19 +21,15 @@ from woosh_robot_agent.link.tasks import (
 )
 from woosh_robot_agent.sentences import Sentence
 
-_NO_WEBSOCKET = Sentence("link.noWebsocket", "not a WebSocket server: {error}")
-_NOT_OPEN = Sentence("link.notOpen", "the WebSocket did not open: {error}")
-_TOO_LATE = Sentence("link.tooLate", "no connection within {seconds} s")
-_CLOSED = Sentence("link.closedByOther", "closed by the other end")()
-_NO_CLOSE = Sentence("link.noClose", "the connection ended without a close frame")()
-_CODE = Sentence("link.code", "closed with code {code}")
-_SENT_TOO_BIG = Sentence(
-    "link.sentTooBig", "{text} (a frame from this side is too large for the other end)"
-)
-_GOT_TOO_BIG = Sentence(
-    "link.gotTooBig", "{text} (a frame is over the limit; raise max_frame_size)"
-)
-_CUT = Sentence("link.cut", "closed in the middle of a frame")()
+_NO_WEBSOCKET = Sentence("not a WebSocket server: {error}")
+_NOT_OPEN = Sentence("the WebSocket did not open: {error}")
+_TOO_LATE = Sentence("no connection within {seconds} s")
+_CLOSED = Sentence("closed by the other end")()
+_NO_CLOSE = Sentence("the connection ended without a close frame")()
+_CODE = Sentence("closed with code {code}")
+_SENT_TOO_BIG = Sentence("{text} (a frame from this side is too large for the other end)")
+_GOT_TOO_BIG = Sentence("{text} (a frame is over the limit; raise max_frame_size)")
+_CUT = Sentence("closed in the middle of a frame")()
 CHUNK = 256 * 1024
 """Size of the pieces in which large frames are read and written, in bytes."""
 

@@ -37,12 +37,12 @@ from woosh_robot_agent.vda5050.robot.link import RobotLink
 _LOG = logging.getLogger(__name__)
 _ASK_EVERY = 1.0
 """Pause between two queries about an action, in seconds."""
-_FAILED = Sentence("vda.failed", "the robot failed")()
-_ANOTHER = Sentence("vda.another", "the robot executes another {name} already")
-_NOT_SENT = Sentence("vda.notSent", "{name} was not sent: {reason}")
-_UNKNOWN = Sentence("vda.unknownEnd", "the robot does not tell how it ended")
+_FAILED = Sentence("the robot failed")()
+_ANOTHER = Sentence("the robot executes another {name} already")
+_NOT_SENT = Sentence("{name} was not sent: {reason}")
+_UNKNOWN = Sentence("the robot does not tell how it ended")
 _FAILURES = {
-    ros_pack_pb2.kRosCancel: Sentence("vda.cancelledAtRobot", "it was cancelled at the robot")(),
+    ros_pack_pb2.kRosCancel: Sentence("it was cancelled at the robot")(),
     ros_pack_pb2.kRosFailure: _FAILED,
     ros_pack_pb2.kRosExecuteFailed: _FAILED,
 }
