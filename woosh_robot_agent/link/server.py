@@ -233,6 +233,8 @@ _SILENT = logging.getLogger(f"{__name__}.http")
 port scan would fill the log."""
 _SILENT.disabled = True
 
+_OPEN_TIMEOUT = 10.0
+"""Maximum time from the connection to the first request or a complete handshake, in seconds."""
 _KEEPALIVE_TIMEOUT = 60.0
 """Time for which a connection is kept for further HTTP requests, in seconds."""
 _FINAL_FRAGMENT = 0x80
@@ -254,15 +256,13 @@ class HttpConnection(asyncio.Protocol):
 
     Args:
         inner: the protocol of aiohttp.
-        open_timeout: maximum time from the connection to the first request or a complete handshake,
-            in seconds.
 
     Attributes:
         transport: the socket.
         lost: future that is done when the connection has ended.
     """
 
-    def __init__(self, inner: asyncio.Protocol, open_timeout: float) -> None:
+    def __init__(self, inner: asyncio.Protocol) -> None:
         loop = asyncio.get_running_loop()
         self.transport: asyncio.Transport
         self.lost: asyncio.Future[None] = loop.create_future()
@@ -271,7 +271,7 @@ class HttpConnection(asyncio.Protocol):
         """Number of bytes that arrived since a message or a ping was last read."""
         self._max_unread: int | None = None
         """Maximum of `_unread`; None until the handshake of a WebSocket."""
-        self._open_timer = loop.call_later(open_timeout, lambda: abort_transport(self.transport))
+        self._open_timer = loop.call_later(_OPEN_TIMEOUT, lambda: abort_transport(self.transport))
 
     def note_opened(self, max_message: int | None = None) -> None:
         """Note that the first request has arrived, or that the handshake is complete.
@@ -449,7 +449,6 @@ async def serve_websocket(
     port: int,
     *,
     max_size: int,
-    open_timeout: float = 10.0,
     before_handshake: Callable[[], Awaitable[object]] | None = None,
     local_pages_only: bool = False,
     respond: HttpHandler = _only_websockets,
@@ -461,8 +460,6 @@ async def serve_websocket(
         host: the address to listen on.
         port: the port to listen on; 0 takes a free port.
         max_size: largest frame that is read, in bytes.
-        open_timeout: maximum time from the connection to the first request or a complete handshake,
-            in seconds. After it, the client is dropped.
         before_handshake: awaited before a client's handshake is answered, e.g. to delay it.
         local_pages_only: True to refuse web pages as clients, except pages of this machine.
         respond: answers a request that is no handshake.
@@ -510,7 +507,7 @@ async def serve_websocket(
         keepalive_timeout=_KEEPALIVE_TIMEOUT,
     )
     loop = asyncio.get_running_loop()
-    server = await loop.create_server(lambda: HttpConnection(http(), open_timeout), host, port)
+    server = await loop.create_server(lambda: HttpConnection(http()), host, port)
     return Listener(server, http)
 
 
