@@ -268,7 +268,7 @@ class HttpConnection(asyncio.Protocol):
         self.lost: asyncio.Future[None] = loop.create_future()
         self._inner = inner
         self._unread = 0
-        """Number of bytes that arrived since a message or a ping was last read."""
+        """Number of bytes that arrived since a message was last read."""
         self._max_unread: int | None = None
         """Maximum of `_unread`; None until the handshake of a WebSocket."""
         self._open_timer = loop.call_later(_OPEN_TIMEOUT, lambda: abort_transport(self.transport))
@@ -285,7 +285,7 @@ class HttpConnection(asyncio.Protocol):
             self._max_unread = max_message + CHUNK
 
     def note_message_read(self) -> None:
-        """Note that a message or a ping has been read from the WebSocket."""
+        """Note that a message has been read from the WebSocket."""
         self._unread = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -348,8 +348,6 @@ class WebSocketServerTransport:
     def __init__(self, socket: web.WebSocketResponse, connection: HttpConnection) -> None:
         self._socket = socket
         self._connection = connection
-        self._pings: deque[asyncio.Future[bool]] = deque()
-        """Pings without a pong, the oldest first."""
         self.peer = peer_address(connection.transport)
 
     def backlog(self) -> int:
@@ -365,32 +363,15 @@ class WebSocketServerTransport:
             raise TransportClosedError(str(error) or "the connection has ended") from None
 
     async def recv(self) -> str | bytes:
-        while True:
-            message = await self._socket.receive()
-            self._connection.note_message_read()
-            if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
-                data: str | bytes = message.data
-                return data
-            if message.type is WSMsgType.PING:
-                await self._answer_ping(message.data)
-            elif message.type is WSMsgType.PONG:
-                if self._pings:
-                    self._pings.popleft().set_result(True)
-            else:
-                raise self._ended(message)
-
-    async def ping(self) -> bool:
-        pong: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-        self._pings.append(pong)
         try:
-            await self._socket.ping()
-        except (ConnectionError, RuntimeError) as error:
+            message = await self._socket.receive()
+        except (ConnectionError, RuntimeError) as error:  # a ping cannot be answered
             raise TransportClosedError(str(error)) from None
-        ends: set[asyncio.Future[Any]] = {pong, self._connection.lost}
-        await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
-        if not pong.done():
-            raise TransportClosedError("the connection ended without a close frame")
-        return True
+        self._connection.note_message_read()
+        if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+            data: str | bytes = message.data
+            return data
+        raise self._ended(message)
 
     async def close(self, timeout: float = 1.0) -> None:
         await close_or_abort(self._socket.close(), self.abort, timeout)
@@ -414,12 +395,6 @@ class WebSocketServerTransport:
 
     def resume(self) -> None:
         self._connection.transport.resume_reading()
-
-    async def _answer_ping(self, data: bytes) -> None:
-        try:
-            await self._socket.pong(data)
-        except (ConnectionError, RuntimeError) as error:
-            raise TransportClosedError(str(error)) from None
 
     def _ended(self, message: WSMessage) -> TransportClosedError:
         """Return the error for a message with which aiohttp reports the end of the WebSocket."""
@@ -490,9 +465,8 @@ async def serve_websocket(
     ) -> web.StreamResponse:
         if before_handshake:
             await before_handshake()
-        # autoping would hide pings and pongs from `recv`
         socket = web.WebSocketResponse(
-            timeout=_CLOSE_TIMEOUT, autoping=False, compress=False, max_msg_size=max_size
+            timeout=_CLOSE_TIMEOUT, compress=False, max_msg_size=max_size
         )
         await socket.prepare(request)
         connection.note_opened(max_size)

@@ -62,13 +62,6 @@ class FrameConnection(Protocol):
             FrameError: a frame was skipped; the connection goes on.
         """
 
-    async def ping(self) -> bool:
-        """Ping the other end and wait for its pong; False if the transport has no ping.
-
-        Raises:
-            TransportClosedError: the connection has ended.
-        """
-
     async def close(self, timeout: float = 1.0) -> None:
         """Close in an orderly way within `timeout` seconds, otherwise abort."""
 
@@ -77,7 +70,14 @@ class FrameConnection(Protocol):
 
 
 class Transport(FrameConnection, Protocol):
-    """The client's end of a connection, which also reports the progress of the reception."""
+    """The client's end of a connection, which also pings, and reports the progress of reception."""
+
+    async def ping(self) -> bool:
+        """Ping the other end and wait for its pong; False if the transport has no ping.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
 
     @property
     def progress_at(self) -> float:
