@@ -328,7 +328,7 @@ def test_record_that_cannot_start_leaves_no_file(chassis, tmp_path, option):
 
 def test_the_proxy_outlives_the_recording(chassis: SimulatorThread, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    there = ["--listen", "127.0.0.1:0", "--output", str(path), "--max-size", "0.04"]
+    there = ["--listen", "127.0.0.1:0", "--output", str(path), "--max-size", "0.006"]
     with start("record", *address(chassis), *there) as process:
         port = re.search(r"agent to 127\.0\.0\.1:(\d+)", process.stdout.readline())
         assert port
