@@ -6,8 +6,8 @@ import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-SENTENCES: dict[str, str] = {}
-"""The English patterns of all sentences of the modules that are imported, by key."""
+SENTENCES: set[str] = set()
+"""The patterns of all sentences of the modules that are imported."""
 _NO_VALUES: Mapping[str, str | int] = {}  # can be copied and pickled, unlike a MappingProxyType
 
 
@@ -15,7 +15,7 @@ class Said(str):
     """An English text that also holds its translation key.
 
     Attributes:
-        key: key of its pattern, under which translations of the pattern are stored.
+        key: key under which its translations are stored; for a sentence, its pattern.
         values: what was put into the pattern, by the names in braces; some are `Said` too.
     """
 
@@ -35,27 +35,25 @@ class Sentence:
     """A pattern of texts. Call it with the values to get a text.
 
     Args:
-        key: unique key of the pattern.
-        english: the pattern, with names in braces.
+        pattern: the pattern in English, with names in braces. Its translations are stored under it.
     """
 
-    def __init__(self, key: str, english: str) -> None:
-        self._key = key
-        self._english = english
-        SENTENCES[key] = english
+    def __init__(self, pattern: str) -> None:
+        self._pattern = pattern
+        SENTENCES.add(pattern)
 
     def __call__(self, **values: str | int) -> Said:
         """Return the text with these values."""
-        return Said(self._english.format_map(values), self._key, values)
+        return Said(self._pattern.format_map(values), self._pattern, values)
 
 
-AND = Sentence("said.and", "{one}, {other}")
+AND = Sentence("{one}, {other}")
 """Joins two items of a list."""
-THEN = Sentence("said.then", "{one}; {other}")
+THEN = Sentence("{one}; {other}")
 """Joins two statements."""
-REFUSED = Sentence("refusal.refused", "refused without a reason")
+REFUSED = Sentence("refused without a reason")
 """Stands for the reason of a refusal that has none."""
-NOT_SENT = Sentence("said.notSent", "not sent: {reason}")
+NOT_SENT = Sentence("not sent: {reason}")
 """Tells that something was not sent, and why."""
 
 

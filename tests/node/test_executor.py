@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import gc
 import logging
-import os
-import signal
-import subprocess
-import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -17,23 +13,18 @@ from typing import Any
 import pytest
 import rclpy
 import rclpy.timer
-from rclpy.action import ActionClient, ActionServer, CancelResponse
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.task import Future
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 
 from tests.harness import TIMEOUT, wait_until
-from tests.node.goals import CANCELED, SUCCEEDED
 from woosh_robot_agent.ros.bridge import DeferredService, Reply
 from woosh_robot_agent.ros.entities import Kind, UrgentCallbackGroup, WaitSet, Watched
 from woosh_robot_agent.ros.executor import Executor
-from woosh_robot_agent.testing.agents import Spinner, domain_variables
-from woosh_ros_msgs.action import StepControl
+from woosh_robot_agent.testing.agents import Spinner
 
 MANY = 40
 """Number of further services of a node, so that some entities are idle."""
@@ -419,56 +410,23 @@ def test_two_nodes(rig: Rig) -> None:
     second.create_service(Trigger, "second", rig.named("second"))
     assert rig.executor.add_node(second)
     assert not rig.executor.add_node(second)
-    assert set(rig.executor.get_nodes()) == {rig.node, second}
     client = rig.client("second")
     assert _called(rig, client).success
     rig.executor.remove_node(second)
     client.call_async(Trigger.Request())
     assert rig.spin_quietly() == ["second"]
-    with Executor(context=rig.context) as executor:  # a node can move
-        executor.add_node(second)
-        executor.spin_once(TIMEOUT)
-        assert rig.ran == ["second", "second"]
-        executor.add_node(rig.node)
-        assert rig.executor.get_nodes() == []
+    other = Executor(context=rig.context)  # a node can move
+    other.add_node(second)
+    other.spin_once(TIMEOUT)
+    assert rig.ran == ["second", "second"]
+    other.shutdown()
     second.destroy_node()
-
-
-def test_shutdown_from_another_thread_ends_spin(rig: Rig) -> None:
-    thread = threading.Thread(target=rig.executor.spin)
-    thread.start()
-    rig.executor.create_task(rig.named("task"))
-    wait_until(lambda: rig.ran)
-    assert rig.executor.shutdown()
-    thread.join(TIMEOUT)
-    assert not thread.is_alive()
-    assert rig.executor.get_nodes() == []
-
-
-def test_shutdown_in_a_callback_ends_spin(rig: Rig) -> None:
-    rig.guard("guard", rig.executor.shutdown).trigger()
-    rig.executor.spin()
-
-
-def test_shutdown_waits_for_a_callback(rig: Rig) -> None:
-    running, release = threading.Event(), threading.Event()
-
-    def callback() -> None:
-        running.set()
-        release.wait()
-
-    rig.executor.create_task(callback)
-    rig.start()
-    assert running.wait(TIMEOUT)
-    assert not rig.executor.shutdown(timeout_sec=0.0)
-    release.set()
-    assert rig.executor.shutdown()
 
 
 def test_shutdown_of_the_context_ends_spin(rig: Rig) -> None:
     threading.Timer(QUIET, rclpy.try_shutdown, kwargs={"context": rig.context}).start()
     with pytest.raises(ExternalShutdownException):
-        rig.executor.spin()
+        rig.executor.spin_once(TIMEOUT)
 
 
 def test_the_second_thread_ends(busy_rig: Rig) -> None:
@@ -486,42 +444,6 @@ def test_the_second_thread_ends(busy_rig: Rig) -> None:
     del forgotten
     gc.collect()
     wait_until(ended)
-
-
-def test_sigint_ends_spin(domain: int) -> None:
-    program = subprocess.Popen(
-        [sys.executable, "-c", SPIN],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, **domain_variables(domain)},
-    )
-    assert program.stdout is not None
-    assert any("spinning" in line for line in program.stdout)
-    program.send_signal(signal.SIGINT)
-    assert "ended" in program.communicate(timeout=TIMEOUT)[0]
-    assert program.returncode == 0
-
-
-SPIN = """
-import rclpy
-from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
-from std_srvs.srv import Trigger
-from woosh_robot_agent.ros.executor import Executor
-
-rclpy.init()
-node = Node("spun")
-for number in range(40):
-    node.create_service(Trigger, f"service_{number}", lambda _, response: response)
-executor = Executor()
-executor.add_node(node)
-executor.create_task(lambda: print("spinning", flush=True))
-try:
-    executor.spin()
-except (KeyboardInterrupt, ExternalShutdownException):
-    pass  # between two turns, `spin` ends without an exception
-print("ended")
-"""
 
 
 # Waking up, and not spinning
@@ -543,24 +465,6 @@ def test_it_waits_while_nothing_is_ready(rig: Rig, waits: Counter[str]) -> None:
     for _ in range(3):
         rig.spin_quietly()
     assert waits == {MAIN: 3}
-
-
-def test_it_waits_while_a_coroutine_awaits_something(rig: Rig, waits: Counter[str]) -> None:
-    future: Future = Future()
-
-    async def work() -> None:
-        await future
-        rig.ran.append("work")
-
-    rig.executor.create_task(work)
-    rig.spin(1)
-    rig.spin_quietly()
-    waits.clear()
-    for _ in range(3):
-        rig.spin_quietly()
-    assert waits == {MAIN: 3}
-    future.set_result(None)
-    assert rig.spin(1) == ["work"]
 
 
 def test_spin_once_ends_after_its_timeout(rig: Rig) -> None:
@@ -594,13 +498,9 @@ def test_an_exception_leaves_spin_once_and_the_rest_of_the_turn_follows(rig: Rig
         assert rig.spin(1) == ["service"] * turn
         rig.end_turn()
 
-    async def fail_later() -> None:
-        raise RuntimeError("late mistake")
-
-    task = rig.executor.create_task(fail_later)
-    with pytest.raises(RuntimeError, match="late mistake"):
+    rig.executor.create_task(fail)
+    with pytest.raises(RuntimeError, match="mistake"):
         rig.spin(1)
-    assert str(task.exception()) == "late mistake"
 
 
 def test_timers(rig: Rig) -> None:
@@ -612,18 +512,6 @@ def test_timers(rig: Rig) -> None:
     rig.spin(1)
     rig.node.destroy_timer(timer)
     assert rig.spin_quietly() == ["timer"] * 6
-
-
-@pytest.mark.skipif(
-    not hasattr(rclpy.timer, "TimerInfo"), reason="this release has no information about timers"
-)
-def test_timers_with_information(rig: Rig) -> None:
-    def callback(info: Any) -> None:
-        rig.ran.append(type(info).__name__)
-
-    callback.__annotations__["info"] = rclpy.timer.TimerInfo
-    rig.node.create_timer(0.01, callback)
-    assert rig.spin(2) == ["TimerInfo"] * 2
 
 
 def test_messages_with_information(rig: Rig) -> None:
@@ -644,7 +532,7 @@ def test_raw_messages(rig: Rig) -> None:
 def _called(rig: Rig, client: Any) -> Any:
     """Call a service and spin until the response is there; return it."""
     future = client.call_async(Trigger.Request())
-    rig.executor.spin_until_future_complete(future, TIMEOUT)
+    rig.spin_until(future.done)
     return future.result()
 
 
@@ -670,7 +558,7 @@ def test_a_deferred_service(rig: Rig) -> None:
     assert not future.done()
     thread = threading.Thread(target=replies[0].send, args=(Trigger.Response(message="late"),))
     thread.start()
-    rig.executor.spin_until_future_complete(future, TIMEOUT)
+    rig.spin_until(future.done)
     thread.join()
     assert future.result().message == "late"
 
@@ -686,103 +574,6 @@ def test_a_deferred_service_refuses_another_executor(rig: Rig) -> None:
     executor.shutdown()
 
 
-def test_an_action(rig: Rig) -> None:
-    """Goals of rclpy's server and client, which are made of waitables."""
-    steps: list[Any] = []
-
-    async def execute(goal: Any) -> Any:
-        goal.publish_feedback(StepControl.Feedback())
-        while not goal.is_cancel_requested and goal.request.arg.action.value:
-            await rig.client("service").call_async(Trigger.Request())
-        (goal.canceled if goal.is_cancel_requested else goal.succeed)()
-        return StepControl.Result()
-
-    rig.service("service", callback_group=ReentrantCallbackGroup())
-    server = ActionServer(
-        rig.node,
-        StepControl,
-        "action",
-        execute,
-        callback_group=ReentrantCallbackGroup(),
-        cancel_callback=lambda _: CancelResponse.ACCEPT,
-    )
-    client = ActionClient(rig.node, StepControl, "action")
-    wait_until(client.server_is_ready)
-
-    def spun(future: Any) -> Any:
-        rig.executor.spin_until_future_complete(future, TIMEOUT)
-        return future.result()
-
-    handle = spun(client.send_goal_async(StepControl.Goal(), feedback_callback=steps.append))
-    assert spun(handle.get_result_async()).status == SUCCEEDED
-    rig.spin_until(lambda: steps)
-    goal = StepControl.Goal()
-    goal.arg.action.value = 1
-    handle = spun(client.send_goal_async(goal))
-    assert len(spun(handle.cancel_goal_async()).goals_canceling) == 1
-    assert spun(handle.get_result_async()).status == CANCELED
-    for each in (client, server):
-        each.destroy()
-
-
-def test_a_coroutine_keeps_its_group_busy(rig: Rig) -> None:
-    future: Future = Future()
-
-    async def wait(_request: Any, response: Any) -> Any:
-        rig.ran.append("begin")
-        await future
-        rig.ran.append("end")
-        response.message = "late"
-        return response
-
-    call_slow = rig.service("slow", wait)
-    call_same = rig.service("same")
-    call_free = rig.service("free", callback_group=ReentrantCallbackGroup())
-    for call in (call_slow, call_same, call_free):
-        call()
-    guard = rig.guard("guard")
-    guard.trigger()
-    rig.spin_until(lambda: {"begin", "free"} <= set(rig.ran))
-    assert set(rig.spin_quietly()) <= {"begin", "free", "same", "guard"}
-    rig.ran.clear()
-    call_same()
-    guard.trigger()
-    assert rig.spin_quietly() == []
-    future.set_result(None)
-    rig.spin_until(lambda: len(rig.ran) == 3)
-    assert rig.ran[0] == "end"
-    assert sorted(rig.ran[1:]) == ["guard", "same"]
-
-
-def test_coroutines_of_subscriptions_and_timers(rig: Rig) -> None:
-    rig.service("service", callback_group=ReentrantCallbackGroup())
-    client = rig.client("service", callback_group=ReentrantCallbackGroup())
-
-    async def call(*_: Any) -> None:
-        response = await client.call_async(Trigger.Request())
-        rig.ran.append(f"answered {response.success}")
-
-    rig.subscription("topic", call)()
-    timer = rig.node.create_timer(0.01, call, callback_group=ReentrantCallbackGroup())
-    rig.spin_until(lambda: rig.ran.count("answered True") >= 5)
-    timer.cancel()
-
-
-def test_tasks(rig: Rig) -> None:
-    assert not rig.executor.create_task(lambda: None).done()
-    value = rig.executor.create_task(lambda factor, *, number: factor * number, 3, number=4)
-
-    async def add() -> int:
-        return int(await value) + 1
-
-    total = rig.executor.create_task(add)
-    rig.executor.spin_until_future_complete(total, TIMEOUT)
-    assert (value.result(), total.result()) == (12, 13)
-    cancelled = rig.executor.create_task(rig.named("cancelled"))
-    cancelled.cancel()
-    assert rig.spin_quietly() == []
-
-
 def test_a_task_that_creates_another_one_does_not_hold_up_the_others(rig: Rig) -> None:
     def again() -> None:
         rig.executor.create_task(again)
@@ -791,21 +582,3 @@ def test_a_task_that_creates_another_one_does_not_hold_up_the_others(rig: Rig) -
     again()
     publish()
     rig.spin_until(lambda: rig.ran)
-
-
-def test_spin_until_future_complete_ends_with_the_future_or_its_timeout(rig: Rig) -> None:
-    future: Future = Future()
-    rig.executor.spin_until_future_complete(future, QUIET)
-    assert not future.done()
-    threading.Timer(QUIET, future.set_result, (1,)).start()
-    rig.executor.spin_until_future_complete(future)
-    assert future.result() == 1
-
-
-def test_rclpys_functions_take_it(rig: Rig) -> None:
-    rig.guard("guard").trigger()
-    rclpy.spin_once(rig.node, executor=rig.executor, timeout_sec=TIMEOUT)
-    assert rig.ran == ["guard"]
-    task = rig.executor.create_task(lambda: 1)
-    rclpy.spin_until_future_complete(rig.node, task, rig.executor, TIMEOUT)
-    assert task.result() == 1

@@ -472,10 +472,9 @@ def _still_held(agent: DebugAgentProcess) -> list[Figure]:
 
 
 def _logged(agent: DebugAgentProcess) -> list[Figure]:
-    """Check that the log shows the beginning and the number of drops, and is not flooded itself."""
-    agent.wait_logged("requests were refused because too many", TIMEOUT)
-    lines = list(agent.lines)
-    warnings = [line for line in lines if "[WARN]" in line or "[ERROR]" in line]
+    """Check that the log shows the drops, and is not flooded itself."""
+    agent.wait_logged("requests are in flight", TIMEOUT)
+    warnings = [line for line in list(agent.lines) if "[WARN]" in line or "[ERROR]" in line]
     return [
         Figure(
             "Log",
@@ -483,12 +482,7 @@ def _logged(agent: DebugAgentProcess) -> list[Figure]:
             str(len(warnings)),
             str(_MAX_WARNINGS),
             len(warnings) <= _MAX_WARNINGS,
-        ),
-        *(
-            Figure("Log", "summary", line.split("]: ", 1)[-1].strip())
-            for line in lines
-            if "none since then" in line
-        ),
+        )
     ]
 
 

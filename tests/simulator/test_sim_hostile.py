@@ -111,20 +111,12 @@ def test_all_origins_are_accepted_on_a_public_address(simulator: SimulatorThread
     assert " 101 " in status
 
 
-@pytest.mark.chassis(speed=1, first_frame_timeout=2.0)
-def test_silent_connection_is_closed(connect_tcp: ConnectTcp) -> None:
-    speaking, silent = connect_tcp(), connect_tcp()
-    assert speaking.request(MODE).ok
-    with pytest.raises(ConnectionError):
-        silent.receive()
-    assert speaking.request(MODE).ok
-
-
-@pytest.mark.chassis(speed=1, first_frame_timeout=1.0)
+@pytest.mark.chassis(speed=1)
 @pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: he"])
 def test_connection_without_a_whole_request_is_closed(
-    simulator: SimulatorThread, connect: Connect, sent: bytes
+    simulator: SimulatorThread, connect: Connect, sent: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("woosh_robot_agent.link.server._OPEN_TIMEOUT", 1.0)
     with socket.create_connection(("127.0.0.1", simulator.port), TIMEOUT) as silent:
         silent.sendall(sent)
         with contextlib.suppress(ConnectionResetError):

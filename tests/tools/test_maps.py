@@ -41,7 +41,9 @@ from woosh_robot_agent.tools.maps.scene_folder import (
     MapsError,
     marks_as_yaml,
     read_marks,
+    read_scene,
     to_file_name,
+    write_scene,
 )
 
 Run = Callable[..., tuple[int, str, str]]
@@ -265,33 +267,26 @@ def test_edited_marks_come_to_the_robot(run: Run, wire: JsonClient, tmp_path: Pa
     wire.ask("woosh.robot.ExecTask", {"taskId": "1", "type": 1, "markNo": "A1"})
 
 
-def test_marks_outside_of_the_files_come_by_requests(run, wire, tmp_path):
-    def change(marks: list[dict[str, Any]]) -> None:
-        marks[0]["pose"] = [1.0, 2.0, 0.5]
-        del marks[1]
-        marks.append({"number": "N1", "pose": [3, 4, 0]})
+def test_marks_come_to_a_map_without_a_file_of_marks(run, wire, tmp_path):
+    run("download", "wooshmap")
+    (tmp_path / "wooshmap" / "wooshmap" / "mark_info.data").unlink()
 
-    run("download", "wooshmap", "scenex")
-    for file in tmp_path.rglob("mark_info.data"):
-        file.unlink()
+    def change(marks: list[dict[str, Any]]) -> None:
+        marks[:] = [{"number": "N1", "pose": [3, 4, 0]}]
+
     edit(tmp_path / "wooshmap" / "marks" / "wooshmap.yaml", change)
-    done = "uploaded scene wooshmap: files 5\n"
-    assert run("upload", "wooshmap", "--force") == (0, done, "")
+    assert run("upload", "wooshmap", "--force")[0] == 0
     (area,) = wire.ask("woosh.map.SceneData")["maps"]
-    numbers = [each["identity"]["no"] for each in area["markInfo"]["storages"]]
-    assert (numbers[0], numbers[-1], "A2" in numbers) == ("A1", "N1", False)
-    assert area["markInfo"]["storages"][0]["pose"]["dock"]["x"] == 1.0
-    edit(tmp_path / "scenex" / "marks" / "scenex.yaml", change)
-    status, _, err = run("upload", "scenex", "--force")
-    assert status == 1
-    assert "not the edited marks of map scenex" in err
-    assert "switch to that map" in err
-    file = tmp_path / "wooshmap" / "marks" / "wooshmap.yaml"
-    content = yaml.safe_load(file.read_text()) | {"others": {"beacons": [{"id": 5}]}}
-    file.write_text(yaml.safe_dump(content))
-    status, _, err = run("upload", "wooshmap", "--force")
-    assert status == 1
-    assert "not the edited `others` of map wooshmap" in err
+    assert [each["identity"]["no"] for each in area["markInfo"]["storages"]] == ["N1"]
+
+
+def test_marks_in_an_unknown_format_are_not_for_editing(tmp_path):
+    data = SceneData(name="hall")
+    data.maps.add(name="hall").mark_info.storages.add().identity.no = "A"
+    for files in ({"hall/mark_info.data": b"\xff"}, {"hall/map.png": b""}, {"hall.png": b""}):
+        warnings = write_scene(tmp_path / "hall", data, files, force=True)
+        assert any("marks of map hall are not saved for editing" in each for each in warnings)
+        assert read_scene(tmp_path / "hall").files == files
 
 
 def test_copy_of_a_file_of_marks_is_told_from_the_marks_of_a_map(run: Run, tmp_path: Path) -> None:
@@ -300,7 +295,7 @@ def test_copy_of_a_file_of_marks_is_told_from_the_marks_of_a_map(run: Run, tmp_p
     shutil.copy(marks / "wooshmap.yaml", marks / "old.yaml")
     status, _, err = run("upload", "wooshmap", "--force")
     assert status == 1
-    assert "scene wooshmap was uploaded, but has no map old: remove wooshmap/marks/old.yaml" in err
+    assert "remove wooshmap/marks/old.yaml: there is no such map" in err
 
 
 def test_nothing_is_overwritten_without_force(run: Run, wire: JsonClient, tmp_path: Path) -> None:

@@ -162,7 +162,6 @@ class ChassisClient:
         await self._reconnect.stop()
         if delivery is not None and not delivery.done():
             await asyncio.wait({delivery})
-        self._record.drops.finish()
 
     async def wait_ready(self, timeout: float) -> None:
         """Wait until the link is ready.

@@ -41,25 +41,21 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.sentences import NOT_SENT, Sentence, said_by
 
 _SILENT = Sentence(
-    "link.silent",
-    "nothing was heard for {seconds} s; check that the robot is on and that the network reaches it",
+    "nothing was heard for {seconds} s; check that the robot is on and that the network reaches it"
 )
 _READS_NOTHING = Sentence(
-    "link.readsNothing",
-    "the chassis has read nothing for {seconds} s; bytes waiting to be sent: {bytes}",
+    "the chassis has read nothing for {seconds} s; bytes waiting to be sent: {bytes}"
 )
-NAMED_NOT_SENT = Sentence("link.notSent", "{name} was not sent: {reason}")
+NAMED_NOT_SENT = Sentence("{name} was not sent: {reason}")
 """Tells that a request was not sent, and why."""
-_INTERNAL = Sentence("link.internal", "internal error: {error}")
+_INTERNAL = Sentence("internal error: {error}")
 _TOO_MANY = Sentence(
-    "link.tooMany",
     "{name} was not sent because {count} requests are in flight; wait for their answers, or call "
-    "less often",
+    "less often"
 )
-_BUSY = Sentence("link.busy", "the connection was busy until the request was too old")()
+_BUSY = Sentence("the connection was busy until the request was too old")()
 _NO_ANSWER = Sentence(
-    "link.noAnswer",
-    "the chassis did not answer {name} within {seconds} s; whether it took effect is not known",
+    "the chassis did not answer {name} within {seconds} s; whether it took effect is not known"
 )
 
 
@@ -481,7 +477,7 @@ class Connection:
         if in_flight >= self.config.max_in_flight:
             text = _TOO_MANY(name=name, count=in_flight)
             self._stats.refused_requests[name] += 1
-            self._drops.count("requests were refused because too many were in flight", text)
+            self._drops.warn("request", text)
             raise TooManyRequestsError(text)
 
     def _take_sn(self) -> int:

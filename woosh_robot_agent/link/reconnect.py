@@ -34,22 +34,20 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.sentences import REFUSED, Sentence, said_by
 
 _NOT_CONNECTED = Sentence(
-    "link.notConnected",
     "not connected to {address} since {since} ({why}); check that the robot is on, that `ip` and "
-    "`port` are right, and that the network reaches it",
+    "`port` are right, and that the network reaches it"
 )
-_LAST_ERROR = Sentence("link.lastError", "last error: {error}")
-_NO_ATTEMPT = Sentence("link.noAttempt", "no attempt has ended yet")
-_UNREACHABLE = Sentence("link.unreachable", "{reason}")  # translations put words before the reason
+_LAST_ERROR = Sentence("last error: {error}")
+_NO_ATTEMPT = Sentence("no attempt has ended yet")
+_UNREACHABLE = Sentence("{reason}")  # translations put words before the reason
 _OTHER_ROBOT = Sentence(
-    "link.otherRobot",
     "{robot} answers instead of {expected}; commands go only to the robot that answered first: "
-    "connect that one, or restart this program to use the other one",
+    "connect that one, or restart this program to use the other one"
 )
-_ROBOT = Sentence("link.robot", "robot {id} (serial number {serial})")
-_OTHER_TYPE = Sentence("link.otherType", "another type of answer")()
-_NO_INFO = Sentence("link.noInfo", "the chassis did not send its RobotInfo: {reason}")
-_CLOSED = Sentence("link.closed", "the link was closed")
+_ROBOT = Sentence("robot {id} (serial number {serial})")
+_OTHER_TYPE = Sentence("another type of answer")()
+_NO_INFO = Sentence("the chassis did not send its RobotInfo: {reason}")
+_CLOSED = Sentence("the link was closed")
 _JITTER = 0.2
 """Maximum share by which a pause is shortened at random, so that many agents do not retry in
 step."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
+import math
 import os
+import time
 from collections import Counter, OrderedDict
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -157,79 +158,30 @@ class LogOnce:
             self._logged.pop(kind[:_LONGEST_KIND], None)
 
 
-QUIET = 3.0
-"""Time without a drop of the same kind after which a series has ended, in seconds."""
-
-
-@dataclass(slots=True)
-class _Series:
-    """Drops of one kind that follow each other closely.
-
-    Attributes:
-        first: loop time of the first drop.
-        last: loop time of the latest drop.
-        count: number of drops.
-        timer: checks whether the series has ended.
-    """
-
-    first: float
-    last: float
-    count: int
-    timer: asyncio.TimerHandle
+_QUIET = 3.0
+"""Time without a drop of the same kind after which the next one is logged again, in seconds."""
 
 
 class DropLog:
-    """Logs series of drops, e.g. of dropped pushes or refused requests. Use it in the event loop.
+    """Logs the first of drops that follow each other closely; totals are in counters.
 
     Args:
-        logger: gets the first drop of a series at WARNING, and the number of drops at INFO.
-        quiet: time without drops that ends a series, in seconds.
+        logger: gets the drops, at WARNING.
+        quiet: time without a drop of the same kind after which the next is logged, in seconds.
     """
 
-    def __init__(self, logger: logging.Logger, quiet: float = QUIET) -> None:
+    def __init__(self, logger: logging.Logger, quiet: float = _QUIET) -> None:
         self._logger = logger
         self._quiet = quiet
-        self._series: dict[str, _Series] = {}
-        """Series that have not ended, by kind."""
+        self._latest: dict[str, float] = {}
+        """Monotonic time of the latest drop, by kind."""
 
-    def count(self, kind: str, text: str) -> None:
-        """Count one drop.
-
-        Args:
-            kind: what was dropped, as words that can follow a number: "requests were refused".
-            text: why it was dropped and what to do; logged for the first drop of a series.
-        """
-        loop = asyncio.get_running_loop()
-        now = loop.time()
-        series = self._series.get(kind)
-        if series is None:
+    def warn(self, kind: str, text: str) -> None:
+        """Log `text` unless there was a drop of the same kind just before."""
+        now = time.monotonic()
+        if now - self._latest.get(kind, -math.inf) > self._quiet:
             self._logger.warning("%s", text)
-            timer = loop.call_at(now + self._quiet, self._check, kind)
-            self._series[kind] = _Series(first=now, last=now, count=1, timer=timer)
-        else:
-            series.last = now
-            series.count += 1
-
-    def finish(self) -> None:
-        """End all series now and log their numbers."""
-        for kind in tuple(self._series):
-            self._end(kind)
-
-    def _check(self, kind: str) -> None:
-        """End a series, or check again later if it goes on."""
-        series = self._series[kind]
-        loop = asyncio.get_running_loop()
-        if loop.time() < series.last + self._quiet:
-            series.timer = loop.call_at(series.last + self._quiet, self._check, kind)
-        else:
-            self._end(kind)
-
-    def _end(self, kind: str) -> None:
-        series = self._series.pop(kind)
-        series.timer.cancel()
-        self._logger.info(
-            "%d %s within %.1f s; none since then", series.count, kind, series.last - series.first
-        )
+        self._latest[kind] = now
 
 
 class LinkRecord:

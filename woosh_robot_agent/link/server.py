@@ -236,6 +236,8 @@ _SILENT = logging.getLogger(f"{__name__}.http")
 port scan would fill the log."""
 _SILENT.disabled = True
 
+_OPEN_TIMEOUT = 10.0
+"""Maximum time from the connection to the first request or a complete handshake, in seconds."""
 _KEEPALIVE_TIMEOUT = 60.0
 """Time for which a connection is kept for further HTTP requests, in seconds."""
 _FINAL_FRAGMENT = 0x80
@@ -257,24 +259,22 @@ class HttpConnection(asyncio.Protocol):
 
     Args:
         inner: the protocol of aiohttp.
-        open_timeout: maximum time from the connection to the first request or a complete handshake,
-            in seconds.
 
     Attributes:
         transport: the socket.
         lost: future that is done when the connection has ended.
     """
 
-    def __init__(self, inner: asyncio.Protocol, open_timeout: float) -> None:
+    def __init__(self, inner: asyncio.Protocol) -> None:
         loop = asyncio.get_running_loop()
         self.transport: asyncio.Transport
         self.lost: asyncio.Future[None] = loop.create_future()
         self._inner = inner
         self._unread = 0
-        """Number of bytes that arrived since a message or a ping was last read."""
+        """Number of bytes that arrived since a message was last read."""
         self._max_unread: int | None = None
         """Maximum of `_unread`; None until the handshake of a WebSocket."""
-        self._open_timer = loop.call_later(open_timeout, lambda: abort_transport(self.transport))
+        self._open_timer = loop.call_later(_OPEN_TIMEOUT, lambda: abort_transport(self.transport))
 
     def note_opened(self, max_message: int | None = None) -> None:
         """Note that the first request has arrived, or that the handshake is complete.
@@ -289,7 +289,7 @@ class HttpConnection(asyncio.Protocol):
             self._max_unread = max_message + CHUNK
 
     def note_message_read(self) -> None:
-        """Note that a message or a ping has been read from the WebSocket."""
+        """Note that a message has been read from the WebSocket."""
         self._unread = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -352,8 +352,6 @@ class WebSocketServerTransport:
     def __init__(self, socket: web.WebSocketResponse, connection: HttpConnection) -> None:
         self._socket = socket
         self._connection = connection
-        self._pings: deque[asyncio.Future[bool]] = deque()
-        """Pings without a pong, the oldest first; the next pong answers the oldest."""
         self.peer = peer_address(connection.transport)
 
     def backlog(self) -> int:
@@ -369,32 +367,15 @@ class WebSocketServerTransport:
             raise TransportClosedError(str(error) or "the connection has ended") from None
 
     async def recv(self) -> str | bytes:
-        while True:
-            message = await self._socket.receive()
-            self._connection.note_message_read()
-            if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
-                data: str | bytes = message.data
-                return data
-            if message.type is WSMsgType.PING:
-                await self._answer_ping(message.data)
-            elif message.type is WSMsgType.PONG:
-                if self._pings:
-                    self._pings.popleft().set_result(True)
-            else:
-                raise self._ended(message)
-
-    async def ping(self) -> bool:
-        pong: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-        self._pings.append(pong)
         try:
-            await self._socket.ping()
-        except (ConnectionError, RuntimeError) as error:
+            message = await self._socket.receive()
+        except (ConnectionError, RuntimeError) as error:  # a ping cannot be answered
             raise TransportClosedError(str(error)) from None
-        ends: set[asyncio.Future[Any]] = {pong, self._connection.lost}
-        await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
-        if not pong.done():
-            raise TransportClosedError("the connection ended without a close frame")
-        return True
+        self._connection.note_message_read()
+        if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+            data: str | bytes = message.data
+            return data
+        raise self._ended(message)
 
     async def close(self, timeout: float = 1.0) -> None:
         await close_or_abort(self._socket.close(), self.abort, timeout)
@@ -418,12 +399,6 @@ class WebSocketServerTransport:
 
     def resume(self) -> None:
         self._connection.transport.resume_reading()
-
-    async def _answer_ping(self, data: bytes) -> None:
-        try:
-            await self._socket.pong(data)
-        except (ConnectionError, RuntimeError) as error:
-            raise TransportClosedError(str(error)) from None
 
     def _ended(self, message: WSMessage) -> TransportClosedError:
         """Return the error for a message with which aiohttp reports the end of the WebSocket."""
@@ -453,7 +428,6 @@ async def serve_websocket(
     port: int,
     *,
     max_size: int,
-    open_timeout: float = 10.0,
     before_handshake: Callable[[], Awaitable[object]] | None = None,
     local_pages_only: bool = False,
     respond: HttpHandler = _only_websockets,
@@ -465,8 +439,6 @@ async def serve_websocket(
         host: the address to listen on.
         port: the port to listen on; 0 takes a free port.
         max_size: largest frame that is read, in bytes.
-        open_timeout: maximum time from the connection to the first request or a complete handshake,
-            in seconds. After it, the client is dropped.
         before_handshake: awaited before a client's handshake is answered, e.g. to delay it.
         local_pages_only: True to refuse web pages as clients, except pages of this machine.
         respond: answers a request that is no handshake.
@@ -497,9 +469,8 @@ async def serve_websocket(
     ) -> web.StreamResponse:
         if before_handshake:
             await before_handshake()
-        # autoping would hide pings and pongs from `recv`
         socket = web.WebSocketResponse(
-            timeout=_CLOSE_TIMEOUT, autoping=False, compress=False, max_msg_size=max_size
+            timeout=_CLOSE_TIMEOUT, compress=False, max_msg_size=max_size
         )
         await socket.prepare(request)
         connection.note_opened(max_size)
@@ -514,7 +485,7 @@ async def serve_websocket(
         keepalive_timeout=_KEEPALIVE_TIMEOUT,
     )
     loop = asyncio.get_running_loop()
-    server = await loop.create_server(lambda: HttpConnection(http(), open_timeout), host, port)
+    server = await loop.create_server(lambda: HttpConnection(http()), host, port)
     return Listener(server, http)
 
 

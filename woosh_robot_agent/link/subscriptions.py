@@ -253,8 +253,8 @@ class Subscriptions:
         if alone and self._held is None and not self._queue and not self._preparing:
             self._deliver(body)
         elif not self._target.put(name, partial(self._deliver, body)):
-            self._drops.count(
-                f"pushes of {name} were dropped",
+            self._drops.warn(
+                name,
                 f"{name} arrives faster than its consumers handle it; dropping the oldest pushes",
             )
 

@@ -21,19 +21,15 @@ from woosh_robot_agent.link.tasks import (
 )
 from woosh_robot_agent.sentences import Sentence
 
-_NO_WEBSOCKET = Sentence("link.noWebsocket", "not a WebSocket server: {error}")
-_NOT_OPEN = Sentence("link.notOpen", "the WebSocket did not open: {error}")
-_TOO_LATE = Sentence("link.tooLate", "no connection within {seconds} s")
-_CLOSED = Sentence("link.closedByOther", "closed by the other end")()
-_NO_CLOSE = Sentence("link.noClose", "the connection ended without a close frame")()
-_CODE = Sentence("link.code", "closed with code {code}")
-_SENT_TOO_BIG = Sentence(
-    "link.sentTooBig", "{text} (a frame from this side is too large for the other end)"
-)
-_GOT_TOO_BIG = Sentence(
-    "link.gotTooBig", "{text} (a frame is over the limit; raise max_frame_size)"
-)
-_CUT = Sentence("link.cut", "closed in the middle of a frame")()
+_NO_WEBSOCKET = Sentence("not a WebSocket server: {error}")
+_NOT_OPEN = Sentence("the WebSocket did not open: {error}")
+_TOO_LATE = Sentence("no connection within {seconds} s")
+_CLOSED = Sentence("closed by the other end")()
+_NO_CLOSE = Sentence("the connection ended without a close frame")()
+_CODE = Sentence("closed with code {code}")
+_SENT_TOO_BIG = Sentence("{text} (a frame from this side is too large for the other end)")
+_GOT_TOO_BIG = Sentence("{text} (a frame is over the limit; raise max_frame_size)")
+_CUT = Sentence("closed in the middle of a frame")()
 CHUNK = 256 * 1024
 """Size of the pieces in which large frames are read and written, in bytes."""
 
@@ -66,13 +62,6 @@ class FrameConnection(Protocol):
             FrameError: a frame was skipped; the connection goes on.
         """
 
-    async def ping(self) -> bool:
-        """Ping the other end and wait for its pong; False if the transport has no ping.
-
-        Raises:
-            TransportClosedError: the connection has ended.
-        """
-
     async def close(self, timeout: float = 1.0) -> None:
         """Close in an orderly way within `timeout` seconds, otherwise abort."""
 
@@ -81,7 +70,14 @@ class FrameConnection(Protocol):
 
 
 class Transport(FrameConnection, Protocol):
-    """The client's end of a connection, which also reports the progress of the reception."""
+    """The client's end of a connection, which also pings, and reports the progress of reception."""
+
+    async def ping(self) -> bool:
+        """Ping the other end and wait for its pong; False if the transport has no ping.
+
+        Raises:
+            TransportClosedError: the connection has ended.
+        """
 
     @property
     def progress_at(self) -> float:

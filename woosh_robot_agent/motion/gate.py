@@ -145,30 +145,28 @@ def _name(what: str) -> str:
     return _TASK() if what == "task" else what
 
 
-_DONE = Sentence("stop.done", "stopped")
-_NOT_STOPPED = Sentence("stop.not", "NOT STOPPED: {reason}")
-_CANCELLED = Sentence("stop.cancelled", "{what} cancelled")
-_CANCEL_FAILED = Sentence("stop.cancelLost", "cancel of {what}: {reason}")
-_ADVICE = Sentence("stop.advice", "if the robot moves, press its emergency stop")
-_TASK = Sentence("stop.task", "task")
+_DONE = Sentence("stopped")
+_NOT_STOPPED = Sentence("NOT STOPPED: {reason}")
+_CANCELLED = Sentence("{what} cancelled")
+_CANCEL_FAILED = Sentence("cancel of {what}: {reason}")
+_ADVICE = Sentence("if the robot moves, press its emergency stop")
+_TASK = Sentence("task")
 _LOG = logging.getLogger(__name__)
 
-_STOPPED = Sentence("gate.stopped", "cancelled by a stop of the robot")()
+_STOPPED = Sentence("cancelled by a stop of the robot")()
 _CHECK_PERIOD = 0.02
 """Period of the checks whether the chassis has reported the end of what a stop cancels."""
 _MAX_DELAY = 20.0
 """Maximum time that a command is expected to be on its way, in seconds. One that seems to be older
 comes from a computer whose clock differs."""
 _BEFORE_STOP = Sentence(
-    "gate.beforeStop",
     "it was sent before the last stop of the robot: send it again, and if this repeats, "
-    "synchronise the clocks of the two computers",
+    "synchronise the clocks of the two computers"
 )()
-_CLOSING = Sentence("gate.closing", "the agent is stopping")()
+_CLOSING = Sentence("the agent is stopping")()
 _STALLED = Sentence(
-    "gate.stalled",
     "the agent stood still for {seconds} s, and this may have been sent before that ended; send it "
-    "again, and find out what holds up this computer",
+    "again, and find out what holds up this computer"
 )
 _GOAL = Said("a goal", "driver.a goal")
 
@@ -368,7 +366,7 @@ class MotionGate:
         """Count a velocity that was not sent; log the first one of a series, with the reason."""
         if self._forbidden_until < math.inf:  # after closing, refusals are expected
             self.superseded += 1
-            self._drops.count("velocity commands were out of date and not sent", reason)
+            self._drops.warn("velocity", reason)
 
     def on_stop(self, callback: Callable[[], None]) -> None:
         """Call `callback` at the beginning of each stop."""
@@ -535,6 +533,4 @@ class MotionGate:
         if state in (LinkState.CONNECTING, LinkState.READY):
             self._stalls.start()
         else:
-            self._stalls.stop()  # nothing can be sent, so no heartbeat is needed
-        if state is LinkState.STOPPED:
-            self._drops.finish()
+            self._stalls.stop()

@@ -24,9 +24,7 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.sentences import Sentence
 
 _LOG = logging.getLogger(__name__)
-_LIMIT_REFUSED = Sentence(
-    "speed.refused", "the robot refused the speed limit of {limit} m/s: {reason}"
-)
+_LIMIT_REFUSED = Sentence("the robot refused the speed limit of {limit} m/s: {reason}")
 _UNKNOWN = math.nan
 """Stands for an unknown limit: NaN differs from each limit, so the next one is sent."""
 _MOVE_BASE = full_name(MoveBase)

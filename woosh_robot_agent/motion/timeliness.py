@@ -159,12 +159,11 @@ class StallWatch:
 
 T = TypeVar("T")
 
-_NEWER = Sentence("gate.newer", "replaced by a newer velocity command")()
-_OLD = Sentence("gate.old", "it is {age} s old, and {limit} s are allowed")
+_NEWER = Sentence("replaced by a newer velocity command")()
+_OLD = Sentence("it is {age} s old, and {limit} s are allowed")
 _UNANSWERED = Sentence(
-    "gate.unanswered",
     "the chassis does not answer earlier velocity commands, and this one has become too old; check "
-    "the link, and stop the robot",
+    "the link, and stop the robot"
 )()
 
 

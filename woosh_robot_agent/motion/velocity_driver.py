@@ -46,18 +46,12 @@ class Pace:
 
 
 _LOG = logging.getLogger(__name__)
-_UNUSABLE = Sentence(
-    "velocity.unusable", "{field} is {value}, and must be from {least} to {greatest} m/s or rad/s"
-)
-_STOPPED = Sentence("velocity.stopped", "the robot was stopped")()
-_NOT_PERMITTED = Sentence("velocity.notPermitted", "velocities were not permitted until now")()
-_SILENCED = Sentence(
-    "velocity.silenced", "{reason}; send a zero velocity, or nothing for {seconds} s"
-)
-_OWNED = Sentence(
-    "velocity.owned", "{owner} is running: cancel it, or set the parameter cmd_vel_override"
-)
-_NO_LINK = Sentence("velocity.noLink", "there is no link to the chassis")()
+_UNUSABLE = Sentence("{field} is {value}, and must be from {least} to {greatest} m/s or rad/s")
+_STOPPED = Sentence("the robot was stopped")()
+_NOT_PERMITTED = Sentence("velocities were not permitted until now")()
+_SILENCED = Sentence("{reason}; send a zero velocity, or nothing for {seconds} s")
+_OWNED = Sentence("{owner} is running: cancel it, or set the parameter cmd_vel_override")
+_NO_LINK = Sentence("there is no link to the chassis")()
 MAX_VELOCITY = 10.0
 """Largest plausible velocity, and largest value of a limit, in m/s and rad/s."""
 

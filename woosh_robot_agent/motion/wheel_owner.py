@@ -17,7 +17,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
 from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.sentences import Sentence
 
-TASK = Sentence("task.named", "task {id}")
+TASK = Sentence("task {id}")
 """Name of a task."""
 
 _HELD_UP = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)

@@ -17,16 +17,16 @@ from woosh_robot_agent.sentences import Sentence
 if TYPE_CHECKING:  # loads slowly, and is needed only for maps
     from PIL import Image
 
-_TOO_LARGE = Sentence("map.tooLarge", "its image is too large: {width} x {height} pixels")
-_NO_FORMAT = Sentence("map.noFormat", "its image cannot be decoded: it is none of {formats}")
-_DAMAGED = Sentence("map.damaged", "its image cannot be decoded: {error}")
-_RESOLUTION = Sentence("map.resolution", "its resolution is invalid: {value}")
-_ORIGIN = Sentence("map.origin", "its origin is not finite: {values}")
-_NONE_SENT = Sentence("map.noneSent", "the robot sent no image")
-_REFUSED = Sentence("map.refused", "the chassis refused SceneData of {scene}: {reason}")
-_NO_SCENE = Sentence("map.noScene", "the chassis sent no SceneData: {reason}")
-_MISSING = Sentence("map.missing", "SceneData of {scene} has no map {map} ({id})")
-_NO_IMAGE = Sentence("map.noImage", "map {map} has no image")
+_TOO_LARGE = Sentence("its image is too large: {width} x {height} pixels")
+_NO_FORMAT = Sentence("its image cannot be decoded: it is none of {formats}")
+_DAMAGED = Sentence("its image cannot be decoded: {error}")
+_RESOLUTION = Sentence("its resolution is invalid: {value}")
+_ORIGIN = Sentence("its origin is not finite: {values}")
+_NONE_SENT = Sentence("the robot sent no image")
+_REFUSED = Sentence("the chassis refused SceneData of {scene}: {reason}")
+_NO_SCENE = Sentence("the chassis sent no SceneData: {reason}")
+_MISSING = Sentence("SceneData of {scene} has no map {map} ({id})")
+_NO_IMAGE = Sentence("map {map} has no image")
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG")
 """Formats of images that are read: PNG of robots, and the formats of map_server.
 

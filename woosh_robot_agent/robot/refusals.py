@@ -47,7 +47,7 @@ Real robots send the code within 50 ms.
 """
 
 
-_STATUS_CODE = Sentence("refusal.code", "status code {code}")
+_STATUS_CODE = Sentence("status code {code}")
 _MANUAL = MANUAL._replace(
     reason="the robot is in manual mode, set by its key switch or by software"
 )

@@ -40,20 +40,16 @@ from woosh_robot_agent.robot.refusals import type_of
 from woosh_robot_agent.robot.who_drives import command_name
 from woosh_robot_agent.sentences import AND, THEN, Sentence, joined
 
-_KEY = Sentence("standstill.key", "the key switch is at manual")()
-_STOP = Sentence("standstill.stop", "the emergency stop is pressed")()
-_BRAKE = Sentence("standstill.brake", "the brake or the servo drives are released")()
-_OBSTACLE = Sentence("standstill.obstacle", "an obstacle is in the way")()
-_CHARGER = Sentence("standstill.charger", "the charging cable is connected")()
-_LOST = Sentence("standstill.lost", "the robot does not know its position")()
-_REPORTED = Sentence("standstill.reported", "the robot reports that {cause}")
-_PERHAPS = Sentence("standstill.perhaps", "perhaps {cause}")
-_LESS_LIKELY = Sentence(
-    "standstill.lessLikely", "less likely, because the robot reports otherwise: {causes}"
-)
-_STANDS = Sentence(
-    "standstill.stands", "{command} was accepted, but the robot does not move: {causes}"
-)
+_KEY = Sentence("the key switch is at manual")()
+_STOP = Sentence("the emergency stop is pressed")()
+_BRAKE = Sentence("the brake or the servo drives are released")()
+_OBSTACLE = Sentence("an obstacle is in the way")()
+_CHARGER = Sentence("the charging cable is connected")()
+_LOST = Sentence("the robot does not know its position")()
+_REPORTED = Sentence("the robot reports that {cause}")
+_PERHAPS = Sentence("perhaps {cause}")
+_LESS_LIKELY = Sentence("less likely, because the robot reports otherwise: {causes}")
+_STANDS = Sentence("{command} was accepted, but the robot does not move: {causes}")
 
 
 def likely_causes(info: RobotInfo) -> str:

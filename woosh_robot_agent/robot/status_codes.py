@@ -15,8 +15,8 @@ from pathlib import Path
 
 from woosh_robot_agent.sentences import Said, Sentence
 
-_BOTH = Sentence("code.both", "{code}: {text} ({meaning})")
-_ONE = Sentence("code.one", "{code}: {text}")
+_BOTH = Sentence("{code}: {text} ({meaning})")
+_ONE = Sentence("{code}: {text}")
 _UNKNOWN = Said("unknown code", "codes.unknown")
 TABLE = Path(__file__).with_name("status_codes.json")
 """File of the table: JSON, meanings by code. Generated from tests/facts/status_codes.yaml."""

@@ -180,16 +180,13 @@ class Interleaving:
         return len(self._setbacks) == 2 and now - self._setbacks[0] < WINDOW
 
 
-_NO_REPORT = Sentence("driver.noReport", "the robot has not reported its state yet")()
-_FOLLOWS = Sentence("driver.follows", "the robot is following somebody")()
-_GOES_ON = Sentence("driver.goesOn", "the goal has ended, but the robot continues")()
-_ROLLS = Sentence("driver.rolls", "the robot is rolling to a stop")()
-_UNREPORTED = Sentence(
-    "driver.unreported", "the robot is executing a task that it has not reported yet"
-)()
+_NO_REPORT = Sentence("the robot has not reported its state yet")()
+_FOLLOWS = Sentence("the robot is following somebody")()
+_GOES_ON = Sentence("the goal has ended, but the robot continues")()
+_ROLLS = Sentence("the robot is rolling to a stop")()
+_UNREPORTED = Sentence("the robot is executing a task that it has not reported yet")()
 _UNEXPLAINED = Sentence(
-    "driver.unexplained",
-    "the robot moves without a command of this agent: another client may drive it",
+    "the robot moves without a command of this agent: another client may drive it"
 )()
 
 # Values of `Driver.name` besides the names of topics and services

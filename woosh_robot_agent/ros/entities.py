@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Coroutine, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from enum import IntEnum
 from functools import partial
-from types import CoroutineType
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -105,7 +104,7 @@ class Watched:
         """Return the sort key that determines the order of callbacks in a turn."""
         return not self.is_urgent, self.kind, self.last_turn
 
-    def take(self, executor: Any) -> Callable[[], Any] | None:
+    def take(self) -> Callable[[], Any] | None:
         """Take a message, request, ...; return a function that runs the callback with it.
 
         None if there is nothing to take.
@@ -123,9 +122,9 @@ class Watched:
             if self.kind is Kind.TIMER:
                 return rclpy_private.call_timer(entity)
             if self.kind is Kind.CLIENT:
-                return rclpy_private.take_response(entity, executor)
+                return rclpy_private.take_response(entity)
             if self.kind is Kind.WAITABLE:
-                return rclpy_private.take_data(entity, executor)
+                return partial(_process, entity, entity.take_data())
             callback: Callable[[], Any] | None = entity.callback
             return callback  # of a guard condition, which has nothing to take
         except InvalidHandle:  # destroyed
@@ -143,21 +142,28 @@ def _takes_info(callback: Callable[..., Any]) -> bool:
     return False
 
 
-def _serve(service: Any, request: Any, header: Any) -> Any:
-    """Run the callback of a service; return a coroutine that replies, if the callback awaits."""
+def _serve(service: Any, request: Any, header: Any) -> None:
+    """Run the callback of a service, and reply unless the callback does so later."""
     callback = service.callback
     if isinstance(callback, DeferredCallback):
         callback.handle(request, header)
-        return None
-    response = callback(request, service.srv_type.Response())
-    if isinstance(response, CoroutineType):
-        return _reply(service, response, header)
-    service.send_response(response, header)
-    return None
+    else:
+        service.send_response(callback(request, service.srv_type.Response()), header)
 
 
-async def _reply(service: Any, response: Coroutine[Any, Any, Any], header: Any) -> None:
-    service.send_response(await response, header)
+def _process(waitable: Any, data: Any) -> None:
+    """Run the coroutine with which a waitable, e.g. an event of a subscription, runs its callback.
+
+    Raises:
+        TypeError: the coroutine awaits something.
+    """
+    coroutine = waitable.execute(data)
+    try:
+        coroutine.send(None)
+    except StopIteration:
+        return
+    coroutine.close()
+    raise TypeError(f"the callback of {waitable!r} must not await anything")
 
 
 class WaitSet:

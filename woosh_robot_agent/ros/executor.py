@@ -20,8 +20,7 @@ at the entities in use:
    continues the turn.
 7. After an urgent callback, the thread that spins lets other threads run: the callback has handed
    its work to one of them, which needs the GIL to begin.
-8. A coroutine that awaits something is resumed at the end of each turn. While it keeps its
-   callback group busy, the group's other entities are left out.
+8. Callbacks are functions: none of them awaits anything. So callback groups need not be kept apart.
 """
 
 from __future__ import annotations
@@ -31,15 +30,12 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Callable, Coroutine
-from types import CoroutineType
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException
 from rclpy.guard_condition import GuardCondition
-from rclpy.signals import SignalHandlerGuardCondition
-from rclpy.task import Future, Task
 from rclpy.utilities import get_default_context
 
 from woosh_robot_agent.ros.entities import WaitSet, Watched, entities_of
@@ -60,9 +56,10 @@ _FOREVER = -1
 
 
 class Executor:
-    """Runs the callbacks of nodes in the thread that spins it, like rclpy's executors.
+    """Runs the callbacks of nodes in the thread that spins it.
 
-    `shutdown` also ends its second thread.
+    It has what the agent and its tools need of rclpy's executors. `shutdown` also ends its second
+    thread.
 
     Args:
         context: rclpy's context; by default the global one.
@@ -72,11 +69,8 @@ class Executor:
         self._context = context or get_default_context()
         self._guard = GuardCondition(None, None, self._context)
         """Wakes the thread that spins."""
-        self._signal_guard = SignalHandlerGuardCondition(self._context)
-        """Wakes the thread that spins when rclpy's signal handler runs."""
-        self._tasks: deque[Any] = deque()
+        self._tasks: deque[Callable[[], object]] = deque()
         """Tasks for the next turn."""
-        self._is_shutdown = False
         self._lock = threading.RLock()
         """Protects the attributes from here to `_idle`."""
         self._nodes: set[Any] = set()
@@ -87,8 +81,7 @@ class Executor:
         self._wait_set: WaitSet | None = None
         """The entities in use; None if it has to be made again."""
         self._idle = _IdleThread(self._context, self._lock, self._guard)
-        self._spinning = threading.RLock()
-        """Held by the thread that spins, which alone uses the attributes from here on."""
+        # Only the thread that spins uses the attributes from here on.
         self._turn = 0
         """Number of the turn."""
         self._turn_ends = 0.0
@@ -101,17 +94,8 @@ class Executor:
         """Urgent services and subscriptions."""
         self._urgent_left: list[Watched] = []
         """Those that have not been looked at since the last callback of the queue."""
-        self._blocked: list[Watched] = []
-        """Ready entities whose callback group is busy."""
-        self._suspended: deque[Any] = deque()
-        """Tasks of coroutines that await something."""
         self._context.on_shutdown(self.wake)  # ends the waits of both threads
         weakref.finalize(self, self._idle.close)  # for an executor that is not shut down
-
-    @property
-    def context(self) -> Any:
-        """Context of rclpy."""
-        return self._context
 
     def add_node(self, node: Any) -> bool:
         """Add a node; return False if it has been added before."""
@@ -132,11 +116,6 @@ class Executor:
             self._update()
         self.wake()
 
-    def get_nodes(self) -> list[Any]:
-        """Return the nodes that have been added."""
-        with self._lock:
-            return list(self._nodes)
-
     def wake(self) -> None:
         """Read the nodes' entities again. rclpy calls it when one was created or destroyed."""
         with self._lock:
@@ -144,104 +123,39 @@ class Executor:
             self._idle.wake()
         self._interrupt()
 
-    def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Any:
-        """Run a function or coroutine in the executor; return its future. Thread-safe."""
-        task = Task(callback, args, kwargs, executor=self)
-        self._tasks.append(task)
+    def create_task(self, callback: Callable[[], object]) -> None:
+        """Call a function in the next turn. Thread-safe."""
+        self._tasks.append(callback)
         self._interrupt()
-        return task
 
-    def create_future(self) -> Any:
-        """Return a future whose callbacks run in the executor."""
-        return Future(executor=self)
-
-    def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Stop spinning, and release the nodes.
-
-        Args:
-            timeout_sec: maximum time to wait for a callback that is running, in seconds; no limit
-                if None or negative.
-
-        Returns:
-            False if the callback did not end in time.
-        """
-        self._is_shutdown = True
-        self._interrupt()
-        timeout = -1 if timeout_sec is None or timeout_sec < 0 else timeout_sec
-        if not self._spinning.acquire(timeout=timeout):
-            return False
+    def shutdown(self) -> None:
+        """Release the nodes, and end the second thread. Call it when no thread spins any more."""
+        self._idle.close()
+        with self._lock:
+            self._nodes.clear()
+            self._update()
         try:
-            self._idle.close()
-            with self._lock:
-                self._nodes.clear()
-                self._update()
-            for guard in (self._guard, self._signal_guard):
-                try:
-                    guard.destroy()
-                except InvalidHandle:  # shut down before
-                    pass
-        finally:
-            self._spinning.release()
-        return True
+            self._guard.destroy()
+        except InvalidHandle:  # shut down before
+            pass
 
-    def __enter__(self) -> Executor:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.shutdown()
-
-    def spin(self) -> None:
-        """Run callbacks until the executor or the context is shut down.
-
-        Raises:
-            ExternalShutdownException: the context was shut down while this waited.
-        """
-        while self._context.ok() and not self._is_shutdown:
-            self.spin_once()
-
-    def spin_once(self, timeout_sec: float | None = None) -> None:
+    def spin_once(self, timeout_sec: float) -> None:
         """Wait for a callback and run it.
 
         Args:
-            timeout_sec: maximum time to wait, in seconds; no limit if None or negative.
+            timeout_sec: maximum time to wait, in seconds.
 
         Raises:
             ExternalShutdownException: the context was shut down.
         """
-        self._spin_once(timeout_sec, lambda: False)
-
-    def spin_until_future_complete(self, future: Any, timeout_sec: float | None = None) -> None:
-        """Run callbacks until a future is done, or for `timeout_sec` seconds.
-
-        There is no limit if `timeout_sec` is None or negative. Returns also if the executor or the
-        context is shut down.
-
-        Raises:
-            ExternalShutdownException: the context was shut down while this waited.
-        """
-        future.add_done_callback(lambda _: self._interrupt())
-        deadline = _deadline(timeout_sec)
-        while self._context.ok() and not (self._is_shutdown or _is_done(future)):
-            left = None if deadline is None else deadline - time.monotonic()
-            if left is not None and left <= 0:
-                return
-            self._spin_once(left, lambda: _is_done(future))
-
-    def _spin_once(self, timeout: float | None, is_done: Callable[[], bool]) -> None:
-        """Run one callback, unless the timeout passes or `is_done` returns True before."""
-        deadline = _deadline(timeout)
+        deadline = time.monotonic() + timeout_sec
         waited = False
-        with self._spinning:
-            while not self._is_shutdown and not is_done():
-                if self._run_next():
-                    return
-                left = _FOREVER
-                if deadline is not None:
-                    left = int(max(deadline - time.monotonic(), 0.0) * _SECOND)
-                    if waited and not left:  # also look once if the timeout is 0
-                        return
-                self._begin_turn(left)
-                waited = True
+        while not self._run_next():
+            left = max(deadline - time.monotonic(), 0.0)
+            if waited and not left:  # also look once if the timeout is 0
+                return
+            self._begin_turn(int(left * _SECOND))
+            waited = True
 
     def _begin_turn(self, timeout: int) -> None:
         """Wait until entities are ready, for at most `timeout` nanoseconds, and queue them."""
@@ -271,12 +185,8 @@ class Executor:
                 self._urgent = [
                     each for each in self._watched.values() if each.is_urgent and each.is_queue
                 ]
-                in_use = (
-                    each
-                    for each in self._watched.values()
-                    if not (each.owner.is_idle or each in self._blocked)
-                )
-                self._wait_set = WaitSet(self._context, in_use, self._guard, self._signal_guard)
+                in_use = (each for each in self._watched.values() if not each.owner.is_idle)
+                self._wait_set = WaitSet(self._context, in_use, self._guard)
             return self._wait_set
 
     def _update(self) -> None:
@@ -340,61 +250,25 @@ class Executor:
             each = self._queue.popleft()
             if not isinstance(each, Watched):
                 self._has_run = True
-                self._run_task(each)
+                each()
                 return True
             if self._run(each):
                 if each.may_hold_several and time.monotonic() < self._turn_ends:
                     self._queue.append(each)
                 return True
-        # resume each suspended task once, until one of them ends
-        return any(self._run_task(self._suspended.popleft()) for _ in range(len(self._suspended)))
-
-    def _run_task(self, task: Any) -> bool:
-        """Run a task; return False if it awaits something."""
-        task()
-        if not _is_done(task):
-            self._suspended.append(task)
-            return False
-        if (error := task.exception()) is not None:
-            raise error
-        return True
+        return False
 
     def _run(self, watched: Watched) -> bool:
         """Run the callback of an entity, if it is ready; return True if it has run."""
-        entity = watched.entity
-        if not watched.is_present:
+        call = watched.take() if watched.is_present else None
+        if call is None:
             return False
-        if not entity.callback_group.beginning_execution(entity):
-            self._blocked.append(watched)
-            # the next wait set lacks this entity, which would end each wait at once
-            self._wait_set = None
-            return False
-        result = None
-        try:
-            call = watched.take(self)
-            if call is None:
-                return False
-            self._has_run = True
-            watched.last_turn = self._turn
-            result = call()
-            if watched.is_urgent:
-                time.sleep(_HAND_OVER)
-        finally:
-            if not isinstance(result, CoroutineType):
-                entity.callback_group.ending_execution(entity)
-        if isinstance(result, CoroutineType):
-            self._run_task(Task(self._finish(entity, result), executor=self))
+        self._has_run = True
+        watched.last_turn = self._turn
+        call()
+        if watched.is_urgent:
+            time.sleep(_HAND_OVER)
         return True
-
-    async def _finish(self, entity: Any, coroutine: Coroutine[Any, Any, Any]) -> None:
-        """Run the coroutine of a callback, which keeps its group busy until its end."""
-        try:
-            await coroutine
-        finally:
-            entity.callback_group.ending_execution(entity)
-            self._queue.extend(self._blocked)
-            self._blocked.clear()
-            self._wait_set = None
 
     def _interrupt(self) -> None:
         """Wake the thread that spins."""
@@ -402,15 +276,6 @@ class Executor:
             self._guard.trigger()
         except InvalidHandle:  # shut down
             pass
-
-
-def _deadline(timeout: float | None) -> float | None:
-    return None if timeout is None or timeout < 0 else time.monotonic() + timeout
-
-
-def _is_done(future: Any) -> bool:
-    """Return True also for a cancelled future, which rclpy does not count as done."""
-    return bool(future.done() or future.cancelled())
 
 
 class _IdleThread:

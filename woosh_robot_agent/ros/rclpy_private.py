@@ -6,20 +6,15 @@ is checked in one place. Ruff (TID251) forbids `rclpy.impl` everywhere else.
 
 from __future__ import annotations
 
-import inspect
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-import rclpy.timer
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.logging import LoggingSeverity
-
-_TimerInfo: Any = getattr(rclpy.timer, "TimerInfo", None)
-"""Class of the times that a timer's callback may take; None in releases before Kilted."""
 
 RCLError: Any = _rclpy.RCLError
 """Base class of the errors of the C library.
@@ -80,12 +75,10 @@ def take_request(service: Any) -> tuple[Any, Any] | None:
     return None if header is None else (request, header)
 
 
-def take_response(client: Any, executor: Any) -> Callable[[], None] | None:
-    """Take the next response to a client; return a function that completes the call.
+def take_response(client: Any) -> Callable[[], None] | None:
+    """Take the next response to a client; return a function that completes the call, or None.
 
-    None if no response waits, or the client no longer waits for it.
-
-    Replaceable by: a `Client.take`, and futures with a public executor.
+    Replaceable by: a `Client.take`.
     """
     handle = client.handle
     with handle:
@@ -96,19 +89,7 @@ def take_response(client: Any, executor: Any) -> Callable[[], None] | None:
         future = client.get_pending_request(header.request_id.sequence_number)
     except KeyError:  # the client does not wait for it any more
         return None
-    future._set_executor(executor)
     return partial(future.set_result, response)
-
-
-def take_data(waitable: Any, executor: Any) -> Callable[[], Any]:
-    """Take the data of a ready waitable; return a function that returns the processing coroutine.
-
-    Replaceable by: futures with a public executor.
-    """
-    data = waitable.take_data()
-    for future in waitable._futures:
-        future._set_executor(executor)
-    return partial(waitable.execute, data)
 
 
 @contextmanager
@@ -128,10 +109,9 @@ def undelivered_responses() -> Iterator[list[str]]:
 
 
 def call_timer(timer: Any) -> Callable[[], Any] | None:
-    """Begin the next period of a timer; return a function that calls its callback.
+    """Begin the next period of a timer; return its callback.
 
-    None if the timer has been cancelled or reset meanwhile. From Kilted on, the callback gets its
-    times if it has an argument of the type `rclpy.timer.TimerInfo`.
+    None if the timer has been cancelled or reset meanwhile.
 
     Replaceable by: a `Timer.call`.
     """
@@ -139,14 +119,8 @@ def call_timer(timer: Any) -> Callable[[], Any] | None:
     with handle:
         if not handle.is_timer_ready():
             return None
-        times = handle.call_timer_with_info() if _TimerInfo else handle.call_timer()
-    callback: Callable[..., Any] | None = timer.callback
-    if callback is None or not _TimerInfo:
-        return callback
-    for parameter in inspect.signature(callback).parameters.values():
-        if parameter.annotation is _TimerInfo:
-            info = _TimerInfo(clock_type=timer.clock.clock_type, **times)
-            return partial(callback, **{parameter.name: info})
+        handle.call_timer()
+    callback: Callable[[], Any] | None = timer.callback
     return callback
 
 

@@ -109,9 +109,6 @@ class SimulatorConfig:
     """True for a base that can move sideways, False for a differential base."""
     initialised: bool = True
     """True if the robot knows its pose at the start. Otherwise a client must send InitRobot."""
-    first_frame_timeout: float = 10.0
-    """Real time after which a client that has sent nothing is dropped, in seconds. The handshake of
-    a WebSocket counts as sent."""
     charge_after: float = 600.0
     """Simulated time without a command before a robot with a low battery charges, in seconds."""
     park_after: float = 1800.0

@@ -43,38 +43,30 @@ from woosh_robot_agent.vda5050.robot.tasks import (
 )
 
 _LOG = logging.getLogger(__name__)
-_LINK_LOST = Sentence(
-    "vda.linkLost", "the link to the robot is lost; its last state is from {time}"
-)
-_BECAUSE = Sentence("vda.because", "{text}: {reason}")
-_OBSTACLE = Sentence("vda.obstacle", "an obstacle blocks the way of the robot")
-_WAITS = Sentence("vda.waits", "the order waits, because {cause}")
-_NO_PLACE = Sentence("vda.noPlace", "the robot reports no position on a map")
-_CHARGES = Sentence("vda.charges", "the robot executes its charging task")
-_MODE = Sentence("vda.mode", "the operating mode is {mode}")
-_LOST = Sentence("vda.lost", "the robot does not know its position any more")
-_CLEARED = Sentence("vda.cleared", "order {order} was cleared, because {cause}")
+_LINK_LOST = Sentence("the link to the robot is lost; its last state is from {time}")
+_BECAUSE = Sentence("{text}: {reason}")
+_OBSTACLE = Sentence("an obstacle blocks the way of the robot")
+_WAITS = Sentence("the order waits, because {cause}")
+_NO_PLACE = Sentence("the robot reports no position on a map")
+_CHARGES = Sentence("the robot executes its charging task")
+_MODE = Sentence("the operating mode is {mode}")
+_LOST = Sentence("the robot does not know its position any more")
+_CLEARED = Sentence("order {order} was cleared, because {cause}")
 PAUSE = "pause"
 """Name of the hold (reason for which the order must not drive) of a paused vehicle."""
 _OTHER_MOTION = (
-    Sentence("vda.driven", "something else drives the robot")(),
+    Sentence("something else drives the robot")(),
     "wait for its end, or cancel the order",
 )
 """Cause and hint if something else drives the robot, but no task in `_OTHER_TASKS`."""
 _OTHER_TASKS: dict[int | None, tuple[str, str]] = {
     task.kCharge: (
-        Sentence(
-            "vda.otherCharging",
-            "the robot executes a charging task that this vehicle has not started",
-        )(),
+        Sentence("the robot executes a charging task that this vehicle has not started")(),
         "end it with stopCharging, or wait for its end; switch off automatic charging at the robot "
         "if the master control sends it to chargers",
     ),
     task.kParking: (
-        Sentence(
-            "vda.otherParking",
-            "the robot executes a parking task that this vehicle has not started",
-        )(),
+        Sentence("the robot executes a parking task that this vehicle has not started")(),
         "wait for its end; switch off automatic parking at the robot if the master "
         "control parks it",
     ),

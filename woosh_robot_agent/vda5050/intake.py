@@ -29,24 +29,18 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.messages.versions import Identity
 from woosh_robot_agent.vda5050.orders.structure import OrderKind, check_instant_ids, with_marks
 
-_NO_POSITION = Sentence("vda.noPosition", "the robot does not know its position")
-_MANY_NODES = Sentence("vda.manyNodes", "the order has {count} nodes, more than {most}")
-_MANY_POINTS = Sentence(
-    "vda.manyPoints", "the trajectories have {count} control points, more than {most}"
-)
-_TOO_SLOW = Sentence("vda.tooSlow", "the robot cannot drive as slowly as maxSpeed: {speed}")
-_NO_MARK = Sentence(
-    "vda.noMark", "node {node} has no position, and the robot has no mark of that name"
-)
-_NO_MAP = Sentence("vda.noMap", "the robot has no map {map}")
-_TRAJECTORY = Sentence("vda.trajectory", "the robot cannot drive the trajectory: {reason}")
-_UNSUPPORTED = Sentence("vda.unsupported", "the robot cannot obey {fields} of {place}")
-_LOST_BEGINNING = Sentence(
-    "vda.lostBeginning", "it is an update of an order that the vehicle does not have"
-)
-_ORDER = Sentence("vda.theOrder", "the order")
-_EDGE = Sentence("vda.anEdge", "an edge")
-_AWAY = Sentence("vda.away", "it begins or ends {distance} m away from node {node}")
+_NO_POSITION = Sentence("the robot does not know its position")
+_MANY_NODES = Sentence("the order has {count} nodes, more than {most}")
+_MANY_POINTS = Sentence("the trajectories have {count} control points, more than {most}")
+_TOO_SLOW = Sentence("the robot cannot drive as slowly as maxSpeed: {speed}")
+_NO_MARK = Sentence("node {node} has no position, and the robot has no mark of that name")
+_NO_MAP = Sentence("the robot has no map {map}")
+_TRAJECTORY = Sentence("the robot cannot drive the trajectory: {reason}")
+_UNSUPPORTED = Sentence("the robot cannot obey {fields} of {place}")
+_LOST_BEGINNING = Sentence("it is an update of an order that the vehicle does not have")
+_ORDER = Sentence("the order")
+_EDGE = Sentence("an edge")
+_AWAY = Sentence("it begins or ends {distance} m away from node {node}")
 _MIN_SPEED_LIMIT = 0.05
 """Lowest speed limit that the robot obeys, in m/s."""
 _MAX_CONTROL_POINTS = 2000

@@ -28,8 +28,7 @@ from woosh_robot_agent.vda5050.store import Record, Store, StoreInUseError
 
 _LOG = logging.getLogger(__name__)
 _OTHER_CONNECTOR = Sentence(
-    "vda.second",
-    "another connector publishes as this vehicle, or connects with the same client id",
+    "another connector publishes as this vehicle, or connects with the same client id"
 )()
 
 

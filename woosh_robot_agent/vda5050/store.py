@@ -19,16 +19,12 @@ from woosh_robot_agent.sentences import THEN, Sentence, said_by
 from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
 from woosh_robot_agent.vda5050.orders.machine import OrderMemory
 
-_NOT_SAVED = Sentence(
-    "vda.notSaved", "the order does not survive a restart of the connector: {error}"
-)
-_REMOVE = Sentence("vda.remove", "remove {path}, which is out of date, before a restart")
-_TOO_LARGE = Sentence("vda.fileTooLarge", "it has more than {most} bytes")
-_OTHER_FORMAT = Sentence("vda.fileFormat", "its format is {found}, not {own}")
-_INVALID_ORDER = Sentence("vda.fileOrder", "the parts of its order do not fit together")
-_DAMAGED = Sentence(
-    "vda.fileDamaged", "the last order is unknown, because {path} was damaged ({error})"
-)
+_NOT_SAVED = Sentence("the order does not survive a restart of the connector: {error}")
+_REMOVE = Sentence("remove {path}, which is out of date, before a restart")
+_TOO_LARGE = Sentence("it has more than {most} bytes")
+_OTHER_FORMAT = Sentence("its format is {found}, not {own}")
+_INVALID_ORDER = Sentence("the parts of its order do not fit together")
+_DAMAGED = Sentence("the last order is unknown, because {path} was damaged ({error})")
 
 _LOG = logging.getLogger(__name__)
 _FORMAT = 1

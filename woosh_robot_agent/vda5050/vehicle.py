@@ -35,7 +35,7 @@ _LOG = logging.getLogger(__name__)
 _CLOSE_TIMEOUT = 1.0
 """Maximum wait for the last messages to the broker, and for the robot, in seconds."""
 
-_DROPPED = Sentence("vda.dropped", "order {order} was dropped, because it was for {robot}")
+_DROPPED = Sentence("order {order} was dropped, because it was for {robot}")
 
 
 class Vehicle:

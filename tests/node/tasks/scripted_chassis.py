@@ -142,7 +142,7 @@ class ScriptedChassis:
         self._run(self._listen())
 
     def vanish(self) -> None:
-        """Drop all connections and refuse new ones, once all frames so far have been read."""
+        """Drop all connections and refuse new ones, once all frames so far have been sent."""
         self._run(self._vanish())
 
     async def _listen(self) -> None:
@@ -152,9 +152,8 @@ class ScriptedChassis:
     async def _vanish(self) -> None:
         listener, self._listener = self._listener, None
         for client in list(self._clients):
-            while client.backlog:
+            while client.unsent:
                 await asyncio.sleep(0.001)
-            await client.transport.ping()  # the pong follows the frames
             client.drop()
         self._waiting.clear()
         if listener is not None:

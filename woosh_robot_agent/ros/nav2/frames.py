@@ -7,8 +7,10 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
+import numpy.typing as npt
 from geometry_msgs.msg import PoseStamped
 
 from woosh_robot_agent.link.reports import RecentDict
@@ -26,83 +28,43 @@ _MAX_FRAMES = 10_000
 _DEPTH = 100
 """Queue size of the subscriptions, as tf2 has it."""
 
-Vector = tuple[float, float, float]
-"""x, y, z."""
-Quaternion = tuple[float, float, float, float]
-"""x, y, z, w."""
-
-
-class Transform(NamedTuple):
-    """Pose of a child frame in its parent frame: a rotation, then a shift.
-
-    Attributes:
-        shift: x, y and z, in metres.
-        rotation: the unit quaternion x, y, z, w.
-    """
-
-    shift: Vector
-    rotation: Quaternion
-
-    def __mul__(self, other: Transform) -> Transform:  # type: ignore[override]
-        """Transform `other` from this transform's child frame to its parent frame."""
-        x, y, z = _rotated(self.rotation, other.shift)
-        shift = (self.shift[0] + x, self.shift[1] + y, self.shift[2] + z)
-        return Transform(shift, _product(self.rotation, other.rotation))
-
-    @property
-    def inverse(self) -> Transform:
-        """Pose of the parent frame in the child frame."""
-        x, y, z, w = self.rotation
-        back = (-x, -y, -z, w)
-        shift = _rotated(back, self.shift)
-        return Transform((-shift[0], -shift[1], -shift[2]), back)
-
-    @property
-    def in_plane(self) -> Pose2D:
-        """The pose in the plane, without height and tilt."""
-        x, y, z, w = self.rotation
-        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        return Pose2D(self.shift[0], self.shift[1], yaw)
-
-
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the rotation that makes `b` first, then `a`."""
-    return (
-        a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
-        a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0],
-        a[3] * b[2] + a[0] * b[1] - a[1] * b[0] + a[2] * b[3],
-        a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
-    )
-
-
-def _rotated(q: Quaternion, v: Vector) -> Vector:
-    """Return a vector rotated by a quaternion."""
-    x, y, z, _ = _product(_product(q, (*v, 0.0)), (-q[0], -q[1], -q[2], q[3]))
-    return x, y, z
+Transform: TypeAlias = npt.NDArray[np.float64]
+"""Pose of a child frame in its parent frame, in metres: a homogeneous matrix of 4 x 4 numbers."""
 
 
 def _transform(shift: Any, rotation: Any) -> Transform:
-    """Return the transform in two messages.
+    """Return the transform in two messages: a vector and a quaternion.
 
     Raises:
         ValueError: a number is not finite, or the quaternion is not a rotation.
     """
     q = (rotation.x, rotation.y, rotation.z, rotation.w)
-    v = (shift.x, shift.y, shift.z)
-    length = math.sqrt(sum(each * each for each in q))
+    length = math.hypot(*q)
     # a rounded quaternion is accepted, and normalised
-    if not all(map(math.isfinite, v)) or not 0.7 <= length <= 1.4:
+    if not all(map(math.isfinite, (shift.x, shift.y, shift.z))) or not 0.7 <= length <= 1.4:
         raise ValueError("it is not a rotation and a shift of finite numbers")
     x, y, z, w = (each / length for each in q)
-    return Transform(v, (x, y, z, w))
+    return np.array(
+        (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w), shift.x),
+            (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w), shift.y),
+            (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y), shift.z),
+            (0.0, 0.0, 0.0, 1.0),
+        )
+    )
 
 
 def _from_pose2d(pose: Pose2D) -> Transform:
-    z, w = pose.quaternion
-    return Transform((pose.x, pose.y, 0.0), (0.0, 0.0, z, w))
+    message = to_pose(pose)
+    return _transform(message.position, message.orientation)
 
 
-_IDENTITY = Transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+def _in_plane(transform: Transform) -> Pose2D:
+    """Return a transform as a pose in the plane, without height and tilt."""
+    yaw = math.atan2(transform[1, 0], transform[0, 0])
+    return Pose2D(float(transform[0, 3]), float(transform[1, 3]), yaw)
+
+
 _UNKNOWN_POSE = (
     "the pose of the frame {} in the map is not known: wait for the link to the robot, and keep "
     "the part odom switched on for the frame of the odometry"
@@ -171,9 +133,9 @@ class Frames:
             stamped.header.frame_id = map_frame
             return
         origin = await self._find(frame)
-        pose = origin * _transform(stamped.pose.position, stamped.pose.orientation)
+        pose = origin @ _transform(stamped.pose.position, stamped.pose.orientation)
         stamped.header.frame_id = map_frame
-        stamped.pose = to_pose(pose.in_plane)
+        stamped.pose = to_pose(_in_plane(pose))
         from_pose(stamped.pose)  # the transform may have made it too large
 
     async def _find(self, frame: str) -> Transform:
@@ -186,7 +148,7 @@ class Frames:
         until = loop.time() + _WAIT
         while True:
             pose_or_reason = self._look_up(frame)
-            if isinstance(pose_or_reason, Transform):
+            if not isinstance(pose_or_reason, str):
                 return pose_or_reason
             if frame in self._own:  # on /tf it comes from this agent: do not wait
                 raise ValueError(pose_or_reason)
@@ -208,7 +170,7 @@ class Frames:
                         pose = find_pose()
                         if pose is None:
                             return _UNKNOWN_POSE.format(own)
-                        return _from_pose2d(pose) * own_pose.inverse * above[ancestor]
+                        return _from_pose2d(pose) @ np.linalg.inv(own_pose) @ above[ancestor]
         except ValueError as error:
             return str(error)
         top = list(above)[-1]
@@ -224,7 +186,7 @@ class Frames:
         Raises:
             ValueError: a transform is too old.
         """
-        pose = _IDENTITY
+        pose = np.eye(4)
         seen = {frame}
         yield frame, pose
         while (edge := self._edges.get(frame)) is not None and edge.parent not in seen:
@@ -232,7 +194,7 @@ class Frames:
                 raise ValueError(
                     f"the last transform of the frame {frame} came more than {_MAX_AGE:g} s ago"
                 )
-            pose = edge.transform * pose
+            pose = edge.transform @ pose
             frame = edge.parent
             seen.add(frame)
             yield frame, pose

@@ -115,8 +115,8 @@ def _clock_jump(server: Server, injection: Injection) -> End:
 
 
 # Texts with keys, which a page can show in another language.
-_BOTH = Sentence("fault.bothOrNone", "obstacle: give both x and y, or neither of them")
-_NO_TOPIC = Sentence("fault.noTopic", "burst: type: {type} is not one of {topics}")
+_BOTH = Sentence("obstacle: give both x and y, or neither of them")
+_NO_TOPIC = Sentence("burst: type: {type} is not one of {topics}")
 
 
 def _check_position(arguments: Mapping[str, Any]) -> None:

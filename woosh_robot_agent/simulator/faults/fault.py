@@ -17,28 +17,26 @@ Value = int | float | str
 """Value of an argument. An optional number without a value is None instead."""
 
 # Texts with keys, which a page can show in another language.
-_OR = Sentence("said.or", "{one} or {other}")
-_NO_MESSAGE = Sentence("argument.noMessage", "{name}: no message has the type {value}")
-_MESSAGE = Sentence("argument.message", "message type")
+_OR = Sentence("{one} or {other}")
+_NO_MESSAGE = Sentence("{name}: no message has the type {value}")
+_MESSAGE = Sentence("message type")
 _KINDS: dict[type, Said] = {
-    int: Sentence("argument.integer", "integer")(),
-    float: Sentence("argument.anyNumber", "number")(),
-    str: Sentence("argument.anyText", "text")(),
+    int: Sentence("integer")(),
+    float: Sentence("number")(),
+    str: Sentence("text")(),
 }
 """Names of the types of values."""
-_WITHIN = Sentence("argument.within", "{kind} from {low} to {high}")
-_AT_LEAST = Sentence("argument.atLeast", "{kind} of at least {low}")
-_IN_UNIT = Sentence("argument.inUnit", "{kind}, in {unit}")
+_WITHIN = Sentence("{kind} from {low} to {high}")
+_AT_LEAST = Sentence("{kind} of at least {low}")
+_IN_UNIT = Sentence("{kind}, in {unit}")
 _UNITS = {
-    unit: Sentence(f"unit.{unit}", unit)()
+    unit: Sentence(unit)()
     for unit in ("s of simulated time", "s of real time", "1/s of real time", "bytes")
 }
-_WRONG = Sentence("argument.wrong", "{name}: {value} is not {allowed}")
-_MOMENTARY = Sentence("fault.momentary", "{fault} is momentary: leave out `for`")
-_NO_ARGUMENT = Sentence(
-    "fault.noArgument", "{fault} has no argument {name}; its arguments are: {names}"
-)
-_IN_FAULT = Sentence("fault.in", "{fault}: {error}")
+_WRONG = Sentence("{name}: {value} is not {allowed}")
+_MOMENTARY = Sentence("{fault} is momentary: leave out `for`")
+_NO_ARGUMENT = Sentence("{fault} has no argument {name}; its arguments are: {names}")
+_IN_FAULT = Sentence("{fault}: {error}")
 
 _MAX_NUMBER = 1e300
 """Maximum absolute value of a number, which excludes infinity."""
@@ -231,7 +229,7 @@ def fault(
 
     def add(begin: Begin) -> Begin:
         name = begin.__name__.strip("_")
-        said = Sentence(f"fault.{name}", description)()
+        said = Sentence(description)()
         FAULTS[name] = Fault(name, said, begin, own_arguments, lasting, shared, check)
         return begin
 

@@ -29,10 +29,10 @@ from woosh_robot_agent.simulator.serving.server import Server
 _LOG = logging.getLogger(__name__)
 
 # Texts with keys, which a page can show in another language.
-_UNKNOWN = Sentence("fault.unknown", "unknown fault {name}: use one of {known}")
-_UNREADABLE = Sentence("fault.unreadable", "fault {text}: {error}")
-_NO_PAIR = Sentence("fault.noPair", "{fault}: {word} is not of the form key=value")
-_TWICE = Sentence("fault.twice", "{fault}: {name} is given twice")
+_UNKNOWN = Sentence("unknown fault {name}: use one of {known}")
+_UNREADABLE = Sentence("fault {text}: {error}")
+_NO_PAIR = Sentence("{fault}: {word} is not of the form key=value")
+_TWICE = Sentence("{fault}: {name} is given twice")
 
 
 def find_fault(name: str) -> Fault:

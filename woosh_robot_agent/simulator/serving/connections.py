@@ -11,7 +11,6 @@ from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.link.server import (
     Listener,
     ServerTransport,
-    WebSocketServerTransport,
     serve_tcp,
     serve_websocket,
 )
@@ -122,9 +121,6 @@ class Connections:
         client = Client(transport, self._config.max_outbox)
         self._handler.join(client)
         writer = asyncio.ensure_future(client.write(self._writing))
-        # The handshake of a WebSocket counts as a first frame.
-        client.has_sent = isinstance(transport, WebSocketServerTransport)
-        self._drop_if_silent(client)
         _LOG.info("%s connected", transport.peer)
         if self._paused:
             transport.pause()
@@ -158,31 +154,11 @@ class Connections:
             return False
         return True
 
-    def _drop_if_silent(self, client: Client) -> None:
-        """Drop a client that sends nothing in time. A time that ends in a pause starts again."""
-
-        def check() -> None:
-            if client.has_sent or client not in self._handler.clients:
-                return
-            if self._paused:
-                self._drop_if_silent(client)
-                return
-            _LOG.warning(
-                "%s is dropped: it sent no frame for %g s",
-                client.transport.peer,
-                self._config.first_frame_timeout,
-            )
-            client.drop()
-
-        asyncio.get_running_loop().call_later(self._config.first_frame_timeout, check)
-
     async def _read(self, client: Client) -> None:
         """Wait for the next frame of a client, and handle it."""
         try:
             data = await client.transport.recv()
-            client.has_sent = True
         except FrameError as error:
-            client.has_sent = True
             self._handler.skip(client, error)
         else:
             await self._reading.wait()
@@ -280,7 +256,6 @@ class Ports:
                 config.host,
                 self.port,
                 max_size=config.max_frame,
-                open_timeout=config.first_frame_timeout,
                 before_handshake=connections.wait_readable,
                 respond=connections.http_calls.respond,
                 # Otherwise a browser on this machine would let any web page connect.

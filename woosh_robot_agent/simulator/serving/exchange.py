@@ -130,14 +130,12 @@ class Client(ConnectedClient):
         max_outbox: maximum number of frames that wait. A client that exceeds it is dropped.
 
     Attributes:
-        has_sent: True if the client has sent a frame, or completed the handshake of a WebSocket.
         waiting: number of requests that wait to be executed or answered, and of their answers that
             a fault holds back or delays.
     """
 
     def __init__(self, transport: ServerTransport, max_outbox: int) -> None:
         super().__init__(transport, max_outbox)
-        self.has_sent = False
         self.waiting = 0
         self._delayed: dict[object, _Delayed] = {}
         """Delayed frames, each by a unique key."""

@@ -103,9 +103,6 @@ class HttpTransport:
     async def recv(self) -> str | bytes:
         raise TransportClosedError("a call has no further frames")
 
-    async def ping(self) -> bool:
-        return False  # HTTP has no ping
-
     async def close(self, timeout: float = 1.0) -> None:
         self.abort()
 

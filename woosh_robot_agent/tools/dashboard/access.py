@@ -37,12 +37,10 @@ SECURITY_HEADERS = MappingProxyType(
     }
 )
 """Headers of each response: the page loads nothing from other hosts, and no page may embed it."""
-_NO_HOST = Sentence("http.noHost", "the request has no valid Host header")
-_OTHER_HOST = Sentence("http.otherName", "open this page at {url}, not under another host name")
-_NO_TOKEN = Sentence(
-    "http.noToken", "the address needs a token: use an address that the program printed"
-)
-_OTHER_PAGE = Sentence("http.otherPage", "only the page of this program may connect")
+_NO_HOST = Sentence("the request has no valid Host header")
+_OTHER_HOST = Sentence("open this page at {url}, not under another host name")
+_NO_TOKEN = Sentence("the address needs a token: use an address that the program printed")
+_OTHER_PAGE = Sentence("only the page of this program may connect")
 _TOKEN_BYTES = 16
 """Length of a token, in random bytes."""
 _MIN_TOKEN_LENGTH = 16

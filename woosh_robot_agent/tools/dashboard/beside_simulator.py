@@ -18,9 +18,9 @@ from woosh_robot_agent.tools.dashboard.control import Outcome
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 from woosh_robot_agent.tools.dashboard.texts import Text, value_data
 
-_NO_TEXT = Sentence("fault.noText", "a fault is a text of at most {length} characters")
-_TOO_MANY = Sentence("fault.tooMany", "there are {count} faults already: end some of them")
-_AT_ONCE = Sentence("fault.atOnce", "leave out `at`: a fault of the page begins at once")
+_NO_TEXT = Sentence("a fault is a text of at most {length} characters")
+_TOO_MANY = Sentence("there are {count} faults already: end some of them")
+_AT_ONCE = Sentence("leave out `at`: a fault of the page begins at once")
 _MAX_FAULTS = 100
 """Maximum number of faults that are active at the same time, obstacles included."""
 _MAX_TEXT = 300

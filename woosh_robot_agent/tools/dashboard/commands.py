@@ -36,11 +36,11 @@ from woosh_robot_agent.tools.dashboard.texts import Text
 
 Args = Mapping[str, Any]
 """Arguments of a command, as the page sends them."""
-_NO_NUMBER = Sentence("argument.number", "{name} is not a number within {least} to {greatest}")
-_NOT_WHOLE = Sentence("argument.whole", "{name} is not a whole number within 0 to {greatest}")
-_NO_TEXT = Sentence("argument.text", "{name} is not a text of at most {length} characters")
-_NO_TRUTH = Sentence("argument.truth", "{name} is not true or false")
-_NO_CHOICE = Sentence("argument.choice", "{name} is not one of {choices}")
+_NO_NUMBER = Sentence("{name} is not a number within {least} to {greatest}")
+_NOT_WHOLE = Sentence("{name} is not a whole number within 0 to {greatest}")
+_NO_TEXT = Sentence("{name} is not a text of at most {length} characters")
+_NO_TRUTH = Sentence("{name} is not true or false")
+_NO_CHOICE = Sentence("{name} is not one of {choices}")
 _MAX_TEXT = 200
 """Maximum length of a text."""
 _MAX_COORDINATE = 1e5

@@ -62,8 +62,8 @@ UNANSWERED = Text("reason.unanswered")
 """Reason for a velocity that is not sent, because the answer to an earlier one is overdue."""
 _STOPPED_MEANWHILE = Text("reason.stoppedMeanwhile")
 _OTHER_MODE = Text("reason.otherMode")
-_VELOCITY_REFUSED = Sentence("refusal.velocity", "the robot refused the velocity")
-_BECAUSE = Sentence("refusal.because", "{text} ({reason})")
+_VELOCITY_REFUSED = Sentence("the robot refused the velocity")
+_BECAUSE = Sentence("{text} ({reason})")
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
 _MAX_AGE = 0.5

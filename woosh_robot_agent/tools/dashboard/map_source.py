@@ -23,7 +23,7 @@ from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.texts import value_data
 
-_NO_KEEPOUT = Sentence("map.noKeepout", "the keep-out areas are not shown: {reason}")
+_NO_KEEPOUT = Sentence("the keep-out areas are not shown: {reason}")
 _RETRY_DELAY = 5.0
 """Delay before a failed request is retried, in seconds."""
 _LIST_PERIOD = 20.0

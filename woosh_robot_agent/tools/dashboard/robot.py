@@ -63,11 +63,9 @@ _BUSY = 0.3
 
 Such a delay does not count as silence of the robot.
 """
-_NO_PATH = Sentence("plan.noPath", "the robot answered with {type}, not with a path")
-_REFUSED_PATH = Sentence("plan.refused", "{reason} (the robot: {text})")
-_UNREACHABLE = Sentence(
-    "plan.unreachable", "the place may be in or near a wall, outside of the map, or cut off"
-)
+_NO_PATH = Sentence("the robot answered with {type}, not with a path")
+_REFUSED_PATH = Sentence("{reason} (the robot: {text})")
+_UNREACHABLE = Sentence("the place may be in or near a wall, outside of the map, or cut off")
 READ_ONLY = Text("reason.readOnly")
 """Reason for which each command is refused if the dashboard runs without control."""
 

@@ -36,8 +36,8 @@ from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 _LOG = logging.getLogger(__name__)
 _METHODS = ("GET", "HEAD")
-_ONLY_GET = Sentence("http.onlyGet", "only GET")
-_NO_PAGE = Sentence("http.noPage", "there is no such page")
+_ONLY_GET = Sentence("only GET")
+_NO_PAGE = Sentence("there is no such page")
 mimetypes.add_type("text/javascript", ".js")  # some systems say something else
 _SILENT = logging.getLogger(f"{__name__}.http")
 """Logger of aiohttp. It is off, because aiohttp logs every request that it cannot parse, so that a

@@ -11,7 +11,7 @@ from woosh_robot_agent.sentences import SENTENCES, Said, Sentence
 
 PAGE = Path(__file__).with_name("page")
 """Folder of the page."""
-_REQUEST = Sentence("said.request", "the request")
+_REQUEST = Sentence("the request")
 """Stands for the name of a request's type, which means nothing to viewers."""
 _TYPES = "woosh."
 """Beginning of the full names of all protobuf types of the robot."""
@@ -68,7 +68,7 @@ def _without_types(said: Said) -> Said:
         values[name] = _REQUEST() if is_type else inner
     if values == said.values:
         return said
-    return Said(SENTENCES[said.key].format_map(values), said.key, values)
+    return Said(said.key.format_map(values), said.key, values)
 
 
 def translated(text: str, languages: str) -> str:

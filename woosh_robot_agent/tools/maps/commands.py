@@ -20,7 +20,6 @@ from woosh_robot_agent.link import Answer, ChassisClient, LinkError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.map import map_pack_pb2 as pack
-from woosh_robot_agent.pb.map import storage_edit_pb2 as edit
 from woosh_robot_agent.pb.map.mark_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene
 from woosh_robot_agent.pb.util.common_pb2 import FileData
@@ -28,8 +27,6 @@ from woosh_robot_agent.tools.maps.scene_folder import (
     MapsError,
     SavedScene,
     check_writable,
-    other_marks,
-    read_marks,
     read_scene,
     to_file_name,
     write_scene,
@@ -247,7 +244,7 @@ async def delete(library: MapLibrary, scene: str, map_name: str) -> None:
 
 
 async def _upload(library: MapLibrary, name: str, scene: SavedScene) -> None:
-    """Upload the files of a scene, then the edited marks that these files do not contain."""
+    """Upload the files of a scene."""
     size = sum(map(len, scene.files.values()))
     datas = [FileData(name=file, data=data) for file, data in scene.files.items()]
     request = pack.Upload(scene_name=name, file_datas=datas, method=pack.Upload.kFull)
@@ -255,49 +252,7 @@ async def _upload(library: MapLibrary, name: str, scene: SavedScene) -> None:
         await library.request(request)
     if name not in await library.scenes():
         raise MapsError(f"the robot accepted scene {name} but does not list it")
-    for map_name, file in scene.separate_marks.items():
-        await _upload_marks(library, name, map_name, file)
     print(printable(f"uploaded scene {name}: files {len(scene.files)}"), flush=True)
-
-
-async def _upload_marks(library: MapLibrary, scene: str, map_name: str, file: Path) -> None:
-    """Upload the marks of a map that were edited in `file`: one request for each changed mark.
-
-    Raises:
-        MapsError: the scene has no such map, marks were edited for which there is no request, the
-            map is not the current one, or the robot refuses a request.
-    """
-    data = await library.scene_data(scene)
-    old = next((each.mark_info for each in data.maps if each.name == map_name), None)
-    if old is None:
-        raise MapsError(
-            f"scene {scene} was uploaded, but has no map {map_name}: remove {file}, which belongs "
-            "to no map of this scene"
-        )
-    new = read_marks(file, old)
-    if new is old:  # the file was not edited
-        return
-    if other_marks(new) != other_marks(old):
-        raise MapsError(
-            f"scene {scene} was uploaded, but not the edited `others` of map {map_name}, because "
-            "there are no requests for them: undo these edits, then repeat the upload with --force"
-        )
-    current = await library.current()
-    if (current.scene_name, current.map_name) != (scene, map_name):
-        raise MapsError(
-            f"scene {scene} was uploaded, but not the edited marks of map {map_name}, because the "
-            "robot only changes the marks of its current map: switch to that map, then repeat "
-            "the upload with --force"
-        )
-    before = {storage.identity.no: storage for storage in old.storages}
-    after = {storage.identity.no: storage for storage in new.storages}
-    for number in before.keys() - after.keys():
-        await library.request(edit.Delete(no=number))
-    for number, storage in after.items():
-        if number not in before:
-            await library.request(edit.Create(storage=storage))
-        elif storage != before[number]:
-            await library.request(edit.Update(storage=storage))
 
 
 def _scene_of(name: str, known: dict[str, list[str]]) -> str:

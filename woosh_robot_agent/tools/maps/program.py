@@ -31,8 +31,7 @@ a whole.
 
 Exit status: 0 if all was done, 1 if the robot refused something, could not be
 reached, or a file cannot be used, 2 if the command line is invalid, 130 after
-Ctrl-C. A scene whose upload was cut off is unchanged on the robot, unless
-edited marks were sent one by one."""
+Ctrl-C. A scene whose upload was cut off is unchanged on the robot."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

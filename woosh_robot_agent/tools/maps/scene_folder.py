@@ -87,7 +87,7 @@ _HEADING = """\
 def marks_as_yaml(info: MarkInfo, map_name: str) -> bytes:
     """Return the marks of a map as YAML."""
     heading = _HEADING.format(map=repr(map_name), types=", ".join((_BASE, *_TYPES)))
-    content = {_MARKS: [_entry(storage) for storage in info.storages], _OTHERS: other_marks(info)}
+    content = {_MARKS: [_entry(storage) for storage in info.storages], _OTHERS: _other_marks(info)}
     text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)
     return (heading + text).encode()
 
@@ -107,7 +107,7 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
     try:
         root = structure(_MarksFile, load_yaml(name, _read(path), _MAX_MARKS_FILE), name)
         storages = _storages(name, root.marks, old.storages)
-        has_new_others = bool(root.others) and root.others != other_marks(old)
+        has_new_others = bool(root.others) and root.others != _other_marks(old)
         if not has_new_others and storages == list(old.storages):
             return old
         if has_new_others:
@@ -229,7 +229,7 @@ class _MarksFile:
 
     Attributes:
         marks: the storage places; `_storages` reads each edited one as a `_MarkEntry`.
-        others: all other marks, as from `other_marks`; None or empty to keep the robot's.
+        others: all other marks, as from `_other_marks`; None or empty to keep the robot's.
     """
 
     marks: Annotated[tuple[Any, ...], Between(0, _MAX_MARKS)]
@@ -260,7 +260,7 @@ def _storage(entry: _MarkEntry) -> Storage:
     return storage
 
 
-def other_marks(info: MarkInfo) -> dict[str, Any]:
+def _other_marks(info: MarkInfo) -> dict[str, Any]:
     """Return all marks except the storage places, as JSON."""
     fields = MessageToDict(info, preserving_proto_field_name=True)
     return {key: value for key, value in fields.items() if key not in ("storages", "version")}
@@ -312,12 +312,10 @@ class SavedScene:
         name: name of the scene.
         files: contents of the robot's files, by the robot's names. Those with marks contain the
             edits.
-        separate_marks: YAML files of marks for maps whose marks are not in `files`, by map name.
     """
 
     name: str
     files: dict[str, bytes]
-    separate_marks: dict[str, Path]
 
 
 def check_writable(target: Path, *, force: bool) -> None:
@@ -349,7 +347,7 @@ def write_scene(
 
     Returns:
         Warnings: maps and masks that were not saved for nav2, because the robot sent no usable
-        picture.
+        picture, and marks that were not saved for editing.
 
     Raises:
         MapsError: the scene cannot be saved.
@@ -368,9 +366,14 @@ def write_scene(
                 warnings.append(f"{what} {area.name} is not saved for nav2: {error}")
                 continue
             contents |= {f"{_NAV2}/{file}": content for file, content in made.items()}
-        found = _marks_in_files(area.name, files)
-        info = area.mark_info if found is None else found[1]
-        contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = marks_as_yaml(info, area.name)
+        info = _marks_in(_mark_file(area.name, files), files)
+        if info is not None and (info.storages or not area.mark_info.storages):
+            contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = marks_as_yaml(info, area.name)
+        else:
+            warnings.append(
+                f"the marks of map {area.name} are not saved for editing: they are not in the "
+                f"robot's file {_MARK_INFO}, or it has an unknown format"
+            )
     try:
         _write_folder(target, contents, force=force)
     except OSError as error:
@@ -394,17 +397,14 @@ def read_scene(folder: Path) -> SavedScene:
         for name, path in paths.items()
         if path.is_file() and not _is_own(name)
     }
-    separate_marks: dict[str, Path] = {}
     for path in sorted((folder / _MARKS_FOLDER).glob("*.yaml")):
-        area = unquote(path.stem)
-        found = _marks_in_files(area, files)
-        if found is None:
-            separate_marks[area] = path
-            continue
-        name, old = found
+        name = _mark_file(unquote(path.stem), files)
+        old = _marks_in(name, files)
+        if old is None:
+            raise MapsError(f"remove {path}: there is no such map, or its marks cannot be read")
         if (new := read_marks(path, old)) is not old:
             files[name] = new.SerializeToString()
-    return SavedScene(unquote(folder.resolve().name), files, separate_marks)
+    return SavedScene(unquote(folder.resolve().name), files)
 
 
 def _is_scene(folder: Path) -> bool:
@@ -416,19 +416,24 @@ def _is_own(path: str) -> bool:
     return path.startswith((f"{_NAV2}/", f"{_MARKS_FOLDER}/", "."))
 
 
-def _marks_in_files(area: str, files: Mapping[str, bytes]) -> tuple[str, MarkInfo] | None:
-    """Return the name of the robot's file with the marks of a map, and the marks.
+def _mark_file(area: str, files: Iterable[str]) -> str:
+    """Return the name of the robot's file with the marks of a map, also if it is missing.
 
-    None if there is no such file, or if it has an unknown format.
+    It is empty if the robot has no folder of the map.
     """
-    end = f"/{area}/{_MARK_INFO}"
-    for name, content in files.items():
-        if f"/{name}".endswith(end):
-            try:
-                return name, MarkInfo.FromString(content)
-            except DecodeError:  # other firmware may store marks in another format
-                return None
-    return None
+    for name in files:
+        before, folder, _ = f"/{name}".partition(f"/{area}/")
+        if folder:
+            return f"{before}{folder}{_MARK_INFO}".removeprefix("/")
+    return ""
+
+
+def _marks_in(name: str, files: Mapping[str, bytes]) -> MarkInfo | None:
+    """Return the marks in a file of `files`; None without a name, or for an unknown format."""
+    try:
+        return MarkInfo.FromString(files.get(name, b"")) if name else None
+    except DecodeError:  # other firmware may store marks in another format
+        return None
 
 
 def _read(path: Path) -> bytes:

@@ -19,15 +19,6 @@ _CHUNK_SIZE = 1024 * 1024
 _NEVER = 2**62
 """Chunk size with which the library itself never ends a chunk."""
 _LIBRARY = "woosh_robot_agent"
-# Upper bounds of sizes in an MCAP file, in bytes, without the data, names and texts.
-_MESSAGE_OVERHEAD = 64
-"""Size of a message, with its entry in the index of the chunk."""
-_RECORD_OVERHEAD = 128
-"""Size of any other record."""
-_INDEX_OVERHEAD = 64
-"""Size of the indexes of a chunk, for each channel."""
-_END_OVERHEAD = 512
-"""Size of the end of a file, without what refers to channels, chunks and attachments."""
 
 
 class McapFile:
@@ -58,9 +49,7 @@ class McapFile:
         self._size = 0
         """Size of the file after the last `flush`, in bytes."""
         self._pending_size = 0
-        """Maximum size of the chunk that is not written yet, in bytes."""
-        self._end_size = _END_OVERHEAD
-        """Maximum size of what `close` will write after the last chunk, in bytes."""
+        """Size of the messages in the chunk that is not written yet, in bytes."""
         try:
             self.flush()
         except OSError as error:
@@ -70,9 +59,12 @@ class McapFile:
             raise
 
     @property
-    def max_size(self) -> int:
-        """Maximum size that the complete file would have if it were closed now, in bytes."""
-        return self._size + self._pending_size + self._end_size + self._chunk_end_size()
+    def size(self) -> int:
+        """Size of the file, with the messages that are not written yet, in bytes.
+
+        They are not compressed yet. `close` adds an index, usually of less than 1 %.
+        """
+        return self._size + self._pending_size
 
     def add(self, channel: Channel, log_time: int, publish_time: int, data: bytes) -> None:
         """Add a message to the chunk; write the chunk if it is full.
@@ -91,35 +83,24 @@ class McapFile:
             number, log_time, data, publish_time, self.written[topic] + self.pending[topic]
         )
         self.pending[topic] += 1
-        self._pending_size += len(data) + _MESSAGE_OVERHEAD
+        self._pending_size += len(data)
         if self._pending_size > _CHUNK_SIZE:
             self.flush()
-
-    def growth_by(self, channel: Channel, data: bytes) -> int:
-        """Return the maximum size by which a message makes the file grow, in bytes."""
-        size = len(data) + _MESSAGE_OVERHEAD
-        if channel not in self._channels:
-            size += 2 * _definition_size(channel)  # in the chunk, and at the end of the file
-        return size
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
         """Write an attachment after the messages so far; `log_time` is its time, in ns."""
         self.flush()
         self._writer.add_attachment(log_time, log_time, name, media_type, data)
-        self._end_size += len(name) + len(media_type) + _RECORD_OVERHEAD
         self.flush()
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write metadata after the messages so far."""
         self.flush()
         self._writer.add_metadata(name, values)
-        self._end_size += len(name) + _RECORD_OVERHEAD
         self.flush()
 
     def flush(self) -> None:
         """Write the pending chunk, and pass everything on to the operating system."""
-        if self.pending:
-            self._end_size += self._chunk_end_size()
         self._writer.flush()
         self._size = self._file.tell()
         self._pending_size = 0
@@ -148,22 +129,7 @@ class McapFile:
         number = self._channels[channel] = self._writer.register_channel(
             channel.topic, channel.message_encoding, self._schemas[key], channel.metadata
         )
-        size = _definition_size(channel)
-        # a definition is in the chunk, and again at the end of the file for readers that seek
-        self._pending_size += size
-        self._end_size += size
         return number
-
-    def _chunk_end_size(self) -> int:
-        """Return the maximum size that the indexes of the current chunk add, in bytes."""
-        return _RECORD_OVERHEAD + len(self._channels) * _INDEX_OVERHEAD
-
-
-def _definition_size(channel: Channel) -> int:
-    """Return the maximum size of the records that define a channel and its schema, in bytes."""
-    texts = (channel.topic, channel.schema_name, *channel.metadata, *channel.metadata.values())
-    # a character has at most 4 bytes in UTF-8
-    return len(channel.schema) + 4 * sum(map(len, texts)) + 2 * _RECORD_OVERHEAD
 
 
 @dataclass(frozen=True)
@@ -171,9 +137,10 @@ class Limits:
     """Limits of a recording. It is split into several files if one of the last two is set.
 
     Attributes:
-        max_size: maximum size of all files together, in bytes; reaching it ends the recording.
-        split_size: maximum size of one file, in bytes; reaching it begins the next file. A file
-            that begins with large maps may become larger. 0 for no limit.
+        max_size: maximum size of all files together, in bytes, without their indexes; reaching it
+            ends the recording.
+        split_size: size of one file after which the next file begins, in bytes, without its index
+            and what it begins with, such as maps; 0 for no limit.
         split_duration: duration after which the next file begins, in seconds; 0 for no limit.
     """
 
@@ -226,7 +193,7 @@ class RecordingFiles:
         self._start: int | None = None
         """Log time of the first message of `add` in the current file, in ns; None without one."""
         self._begin_size = 0
-        """Upper bound of the size of the current file right after `on_new_file`, in bytes."""
+        """Size of the current file right after `on_new_file`, in bytes."""
         self._split_after = limits.split_duration * 1e9 or math.inf
         """Duration after which the next file begins, in ns; infinite without a limit."""
         self._file: McapFile | None = None
@@ -268,7 +235,7 @@ class RecordingFiles:
         published = log_time if publish_time is None else publish_time
 
         def work(_: McapFile) -> None:
-            self._apply_limits(channel, log_time, data)
+            self._apply_limits(log_time, len(data))
             if self._file is None:
                 return
             self._file.add(channel, log_time, published, data)  # perhaps the next file
@@ -282,7 +249,7 @@ class RecordingFiles:
         """Write an attachment, unless it would exceed `max_size`; `log_time` is its time, in ns."""
 
         def work(file: McapFile) -> None:
-            if self._closed_size + file.max_size + len(data) <= self._limits.max_size:
+            if self._closed_size + file.size + len(data) <= self._limits.max_size:
                 file.attach(name, media_type, data, log_time)
 
         self._write(work)
@@ -307,39 +274,38 @@ class RecordingFiles:
             except OSError as error:
                 self._fail(error)
 
-    def _apply_limits(self, channel: Channel, log_time: int, data: bytes) -> None:
-        """Begin the next file or end the recording if a message would exceed a limit."""
-        file, limits = self._file, self._limits
+    def _apply_limits(self, log_time: int, size: int) -> None:
+        """Begin the next file or end the recording if a message would exceed a limit.
+
+        Args:
+            log_time: log time of the message, in ns.
+            size: size of the message, in bytes.
+        """
+        file = self._file
         assert file is not None
-        growth = file.growth_by(channel, data)
-        if file.max_size + growth > self._max_file_size() and file.pending:
+        if file.pending and self._exceeded_limit(file.size + size):
             file.flush()  # compressed, the chunk may be small enough
-        size = file.max_size + growth
-        if self._closed_size + size > limits.max_size:
+        exceeded = self._exceeded_limit(file.size + size)
+        if exceeded == "max_size":
             self._close_file()
-            self._end_at_limit()
-            return
-        if self._start is None:  # the file has no message yet: the next one would not be smaller
-            return
-        is_too_large = size > self._max_file_size()
-        if is_too_large or log_time - self._start >= self._split_after:
+            self._end_early(
+                f"{self._path} has reached its size limit of {self._limits.max_size} bytes"
+            )
+        elif self._start is not None and (
+            exceeded == "split_size" or log_time - self._start >= self._split_after
+        ):
             self._close_file()
-            file = self._begin_file()
-            if self._closed_size + file.max_size + file.growth_by(channel, data) > limits.max_size:
-                self._remove_file(file)
-                self._end_at_limit()
+            self._begin_file()
+            self._apply_limits(log_time, size)
 
-    def _max_file_size(self) -> int:
-        """Return the maximum size of the current file, in bytes."""
-        left = self._limits.max_size - self._closed_size
+    def _exceeded_limit(self, size: int) -> str:
+        """Return the limit that the current file would exceed with this size; empty for none."""
+        if self._closed_size + size > self._limits.max_size:
+            return "max_size"
         split = self._limits.split_size
-        if not split:
-            return left
-        if self._begin_size > split / 2:  # large maps would leave room for few messages, or none
-            split += self._begin_size
-        return min(left, split)
+        return "split_size" if split and size - self._begin_size > split else ""
 
-    def _begin_file(self) -> McapFile:
+    def _begin_file(self) -> None:
         path = self._path
         if self._limits.split_size or self._limits.split_duration:
             path = path.with_name(f"{path.stem}_{len(self.paths)}{path.suffix}")
@@ -347,8 +313,7 @@ class RecordingFiles:
         self.paths.append(path)
         self._on_new_file(self._file)
         self._file.flush()
-        self._start, self._begin_size = None, self._file.max_size
-        return self._file
+        self._start, self._begin_size = None, self._file.size
 
     def _close_file(self) -> None:
         file = self._file
@@ -357,17 +322,6 @@ class RecordingFiles:
         self._file = None
         self._closed_size += file.path.stat().st_size
         self._closed_count.update(file.written)
-
-    def _remove_file(self, file: McapFile) -> None:
-        """Remove the current file, which has no messages of `add`."""
-        self._file = None
-        file.abandon()
-        file.path.unlink()
-        self.paths.remove(file.path)
-
-    def _end_at_limit(self) -> None:
-        limit = self._limits.max_size
-        self._end_early(f"{self._path} has reached its size limit of {limit} bytes")
 
     def _fail(self, error: OSError) -> None:
         """End the recording because of an error; keep what has been written."""

@@ -168,10 +168,7 @@ def _read_part(path: Path) -> _Part:
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from None
     except InvalidMagic:
-        raise RecordingError(
-            f"{path} is not a recording: it is no MCAP file; replay a file in the former format "
-            "(.jsonl) with the release that recorded it"
-        ) from None
+        raise RecordingError(f"{path} is not a recording: it is no MCAP file") from None
     except EndOfFile:
         part.damage = f"{path} has no end"
     except _DAMAGE as error:

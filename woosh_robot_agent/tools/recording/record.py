@@ -110,8 +110,8 @@ def make_parser() -> argparse.ArgumentParser:
         "--max-size",
         type=_mebibytes,
         default=1024 * MIB,
-        help="maximum size of all files together, in MiB, and again of those of --ros; reaching it "
-        "ends the recording (default: 1024)",
+        help="size of all files together at which the recording ends, in MiB, and again of those "
+        "of --ros (default: 1024)",
     )
     parser.add_argument(
         "--split-size",

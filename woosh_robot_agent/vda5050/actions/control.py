@@ -29,15 +29,14 @@ from woosh_robot_agent.vda5050.orders.legs import Control
 from woosh_robot_agent.vda5050.robot.status import serial_number
 
 _NOT_PAUSED = Sentence(
-    "vda.notPaused",
-    "the robot did not pause and stop within {seconds} s; the pause is sent again"
-    " until the robot stands, or until a stopPause",
+    "the robot did not pause and stop within {seconds} s; the pause is sent again until the robot "
+    "stands, or until a stopPause"
 )
-_MEANWHILE = Sentence("vda.meanwhile", "a {action} arrived in the meantime")
-_NOT_RESUMED = Sentence("vda.notResumed", "the robot did not resume within {seconds} s")
-_NO_ORDER = Sentence("vda.noOrder", "there is no order to cancel")
-_OTHER_ORDER = Sentence("vda.notThisOrder", "the vehicle executes order {order}, not {given}")
-_NOT_STORED = Sentence("vda.notStored", "the report cannot be stored: {error}")
+_MEANWHILE = Sentence("a {action} arrived in the meantime")
+_NOT_RESUMED = Sentence("the robot did not resume within {seconds} s")
+_NO_ORDER = Sentence("there is no order to cancel")
+_OTHER_ORDER = Sentence("the vehicle executes order {order}, not {given}")
+_NOT_STORED = Sentence("the report cannot be stored: {error}")
 
 
 @vehicle_action(START_PAUSE, INSTANT, "stop, and pause the order and its actions", repeatable=True)

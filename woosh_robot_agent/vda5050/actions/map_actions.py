@@ -28,32 +28,29 @@ from woosh_robot_agent.vda5050.messages.factsheet import STANDSTILL, ParameterTy
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
 from woosh_robot_agent.vda5050.robot.maps import StoredMap
 
-_URL = Sentence("vda.url", "an http or https URL")
-_HASH_OF = Sentence("vda.hashOf", "a hash of {kinds}")
-_SLOW = Sentence("vda.download.slow", "the download of {link} takes too long")
-_NOT_FETCHED = Sentence("vda.download.failed", "{link} cannot be fetched: {error}")
-_TOO_LARGE = Sentence("vda.download.large", "{link} has more than {most} bytes")
-_HASH = Sentence("vda.download.hash", "{link} has the {kind} hash {found}, not {given}")
-_FILES = Sentence("vda.download.files", "the ZIP file has {count} files, not 1 to {most}")
-_CONTENT = Sentence("vda.download.content", "the files in the ZIP file have more than {most} bytes")
-_NO_ZIP = Sentence("vda.download.noZip", "the downloaded file is no usable ZIP file: {error}")
-_SAME_NAME = Sentence("vda.download.sameName", "two files in the ZIP file have the same name")
-_NOT_USED = Sentence("vda.map.notUsed", "the robot does not report that it uses the map {map}")
-_NOT_FOUND = Sentence("vda.map.notFound", "the robot has not found its position: see its errors")
-_USED = Sentence("vda.map.used", "the robot uses the map {map}: enable another one")
+_URL = Sentence("an http or https URL")
+_HASH_OF = Sentence("a hash of {kinds}")
+_SLOW = Sentence("the download of {link} takes too long")
+_NOT_FETCHED = Sentence("{link} cannot be fetched: {error}")
+_TOO_LARGE = Sentence("{link} has more than {most} bytes")
+_HASH = Sentence("{link} has the {kind} hash {found}, not {given}")
+_FILES = Sentence("the ZIP file has {count} files, not 1 to {most}")
+_CONTENT = Sentence("the files in the ZIP file have more than {most} bytes")
+_NO_ZIP = Sentence("the downloaded file is no usable ZIP file: {error}")
+_SAME_NAME = Sentence("two files in the ZIP file have the same name")
+_NOT_USED = Sentence("the robot does not report that it uses the map {map}")
+_NOT_FOUND = Sentence("the robot has not found its position: see its errors")
+_USED = Sentence("the robot uses the map {map}: enable another one")
 _EXISTS = Sentence(
-    "vda.map.exists",
-    "the robot has a map or scene {map} already, and keeps one version of a map: delete it first",
+    "the robot has a map or scene {map} already, and keeps one version of a map: delete it first"
 )
-_ITS_VERSION = Sentence("vda.map.itsVersion", "version {version} of the map")
-_NO_SUCH_MAP = Sentence("vda.map.noSuch", "no map of this name")
-_OTHER_FILE = Sentence("vda.map.otherFile", "the file has {what}, not version {version} of {map}")
-_MAP = Sentence("vda.map.named", "map {map}")
-_MAP_OF_VERSION = Sentence("vda.map.ofVersion", "version {version} of the map {map}")
-_MISSING = Sentence("vda.map.missing", "the robot has no {what}")
-_SEVERAL = Sentence(
-    "vda.map.several", "several scenes of the robot have {what}: {scenes}; rename one"
-)
+_ITS_VERSION = Sentence("version {version} of the map")
+_NO_SUCH_MAP = Sentence("no map of this name")
+_OTHER_FILE = Sentence("the file has {what}, not version {version} of {map}")
+_MAP = Sentence("map {map}")
+_MAP_OF_VERSION = Sentence("version {version} of the map {map}")
+_MISSING = Sentence("the robot has no {what}")
+_SEVERAL = Sentence("several scenes of the robot have {what}: {scenes}; rename one")
 
 _HASHES = {"sha256": 64, "sha1": 40, "md5": 32}
 """Supported hashes, and their lengths in hexadecimal digits."""

@@ -20,14 +20,10 @@ from woosh_robot_agent.vda5050.messages.state import ROBOT_REFUSED, ActionFailed
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
-_NO_MARK = Sentence("vda.unknownMark", "the robot knows no mark {mark} on its map")
-_FAR = Sentence(
-    "vda.markFar",
-    "mark {mark} is {distance} m away, more than {most} m: drive to it first",
-)
+_NO_MARK = Sentence("the robot knows no mark {mark} on its map")
+_FAR = Sentence("mark {mark} is {distance} m away, more than {most} m: drive to it first")
 _DRIVES = Sentence(
-    "vda.drives",
-    "the vehicle drives along an order: wait until it stands on a node, or cancel it",
+    "the vehicle drives along an order: wait until it stands on a node, or cancel it"
 )
 REACH = 3.0
 """Maximum distance from the robot to a mark at which an action docks, in metres. On the way to a

@@ -36,11 +36,9 @@ from woosh_robot_agent.vda5050.messages.factsheet import (
 )
 from woosh_robot_agent.vda5050.messages.state import NO_STATE, ActionFailedError
 
-_NO_CHARGER = Sentence(
-    "vda.noCharger", "there is no charger within {most} m: drive to one, or name one as {key}"
-)
-_NOT_ENDED = Sentence("vda.notEnded", "the robot refused to end its task: {reason}")
-_STILL_CHARGES = Sentence("vda.stillCharges", "the robot still charges after {seconds} s")
+_NO_CHARGER = Sentence("there is no charger within {most} m: drive to one, or name one as {key}")
+_NOT_ENDED = Sentence("the robot refused to end its task: {reason}")
+_STILL_CHARGES = Sentence("the robot still charges after {seconds} s")
 _STATION = "stationName"
 _CANCEL_TIMEOUT = 5.0
 """Time to wait after the cancel of a charging task before the robot is backed out, in seconds."""

@@ -67,7 +67,7 @@ def action_types(version: Version, *, can_log: bool = False) -> ActionTypes:
 
 _LOG = logging.getLogger(__name__)
 _ENDED = "the action was ended"
-_PROGRAM = Sentence("vda.program", "an error of the program; see its log")
+_PROGRAM = Sentence("an error of the program; see its log")
 
 
 class ActionRunner:

@@ -41,22 +41,20 @@ class Objection:
         return {"actionParameter": self.parameter} if self.parameter else {}
 
 
-_OR = Sentence("vda.or", "{one} or {other}")
-_FINITE = Sentence("vda.finite", "a finite number")()
-_NOT_EMPTY = Sentence("vda.notEmpty", "a text that is not empty")()
-_TRUTH = Sentence("vda.truth", "true or false")()
-_AT_LEAST = Sentence("vda.atLeast", "at least {least}")
-_WITHIN = Sentence("vda.within", "within {least} to {greatest}")
-_ONE_OF = Sentence("vda.oneOf", "one of {choices}")
-_WRONG_SCOPE = Sentence(
-    "vda.wrongScope", "{action} is not possible as {place} action, only as {places} action"
-)
-_BLOCKING = Sentence("vda.blocking", "{action} needs blockingType {types}, not {given}")
-_UNKNOWN_KEY = Sentence("vda.unknownKey", "{action} has no parameter {key}")
-_MISSING_KEY = Sentence("vda.missingKey", "{action} needs the parameter {key}")
-_WRONG_VALUE = Sentence("vda.wrongValue", "the parameter {key} of {action} must be {allowed}")
-_SCOPES = {each: Sentence(f"vda.scope.{each.value}", each.value.lower())() for each in Scope}
-_NO_ACTION = Sentence("vda.noAction", "the vehicle has no action {action}")
+_OR = Sentence("{one} or {other}")
+_FINITE = Sentence("a finite number")()
+_NOT_EMPTY = Sentence("a text that is not empty")()
+_TRUTH = Sentence("true or false")()
+_AT_LEAST = Sentence("at least {least}")
+_WITHIN = Sentence("within {least} to {greatest}")
+_ONE_OF = Sentence("one of {choices}")
+_WRONG_SCOPE = Sentence("{action} is not possible as {place} action, only as {places} action")
+_BLOCKING = Sentence("{action} needs blockingType {types}, not {given}")
+_UNKNOWN_KEY = Sentence("{action} has no parameter {key}")
+_MISSING_KEY = Sentence("{action} needs the parameter {key}")
+_WRONG_VALUE = Sentence("the parameter {key} of {action} must be {allowed}")
+_SCOPES = {each: Sentence(each.value.lower())() for each in Scope}
+_NO_ACTION = Sentence("the vehicle has no action {action}")
 
 
 def _is_number(value: Any) -> bool:

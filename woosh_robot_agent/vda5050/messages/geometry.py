@@ -34,22 +34,16 @@ _SAMPLES = 8
 """Number of points in each knot span by which the length of the curve is estimated."""
 _MIN_WEIGHT = 1e-9
 """Lowest permitted weight; a sum of much smaller ones would be rounded to 0."""
-_NOT_FINITE = Sentence("vda.curve.notFinite", "a number is not finite")
-_DEGREE = Sentence("vda.curve.degree", "its degree is not a positive integer: {degree}")
-_HIGH_DEGREE = Sentence("vda.curve.highDegree", "its degree is above {most}: {degree}")
-_MANY_POINTS = Sentence("vda.curve.manyPoints", "it has more than {most} control points: {count}")
-_FEW_POINTS = Sentence(
-    "vda.curve.fewPoints",
-    "degree {degree} needs at least {least} control points: {count}",
-)
-_KNOTS = Sentence(
-    "vda.curve.knots",
-    "{points} control points of degree {degree} need {needed} knots: {count}",
-)
-_DECREASE = Sentence("vda.curve.decrease", "its knots decrease")
-_EQUAL = Sentence("vda.curve.equal", "its knots are all equal")
-_WEIGHT = Sentence("vda.curve.weight", "a weight is below {least}")
-_NO_LENGTH = Sentence("vda.curve.noLength", "it has no length")
+_NOT_FINITE = Sentence("a number is not finite")
+_DEGREE = Sentence("its degree is not a positive integer: {degree}")
+_HIGH_DEGREE = Sentence("its degree is above {most}: {degree}")
+_MANY_POINTS = Sentence("it has more than {most} control points: {count}")
+_FEW_POINTS = Sentence("degree {degree} needs at least {least} control points: {count}")
+_KNOTS = Sentence("{points} control points of degree {degree} need {needed} knots: {count}")
+_DECREASE = Sentence("its knots decrease")
+_EQUAL = Sentence("its knots are all equal")
+_WEIGHT = Sentence("a weight is below {least}")
+_NO_LENGTH = Sentence("it has no length")
 
 
 def curve_defect(trajectory: Trajectory) -> str:

@@ -72,19 +72,19 @@ def defect(version: str, topic: str, message: Any) -> tuple[str, str] | None:
     return path, reason if len(reason) <= _MAX_VALUE else reason[: _MAX_VALUE - 3] + "..."
 
 
-_MESSAGE = Sentence("vda.message", "the message on {topic} {reason}")
-_MANY_ACTIONS = Sentence("vda.manyActions", "has {count} actions, more than {most}")
-_NO_ZONES = Sentence("vda.noZones", "the robot takes no zones")
-_MANY_BYTES = Sentence("vda.manyBytes", "it has {count} bytes, more than {most}")
-_ENCODING = Sentence("vda.encoding", "it is encoded in {encoding}; send UTF-8")
-_UNREADABLE = Sentence("vda.unreadable", "cannot be read: {error}")
-_MALFORMED = Sentence("vda.malformed", "is malformed at {place}: {reason}")
-_TOP_LEVEL = Sentence("vda.topLevel", "its top level")
-_VERSION = Sentence("vda.version", "has version {version}; the vehicle speaks {own}")
-_OTHER_VEHICLE = Sentence("vda.otherVehicle", "is for {key} {value}; this vehicle has {own}")
-_LONG_TEXT = Sentence("vda.longText", "a text has {count} characters, more than {most}")
-_LARGE_NUMBER = Sentence("vda.largeNumber", "a number is not between -{most} and {most}")
-_DEEP = Sentence("vda.deep", "it is nested more than {most} levels deep")
+_MESSAGE = Sentence("the message on {topic} {reason}")
+_MANY_ACTIONS = Sentence("has {count} actions, more than {most}")
+_NO_ZONES = Sentence("the robot takes no zones")
+_MANY_BYTES = Sentence("it has {count} bytes, more than {most}")
+_ENCODING = Sentence("it is encoded in {encoding}; send UTF-8")
+_UNREADABLE = Sentence("cannot be read: {error}")
+_MALFORMED = Sentence("is malformed at {place}: {reason}")
+_TOP_LEVEL = Sentence("its top level")
+_VERSION = Sentence("has version {version}; the vehicle speaks {own}")
+_OTHER_VEHICLE = Sentence("is for {key} {value}; this vehicle has {own}")
+_LONG_TEXT = Sentence("a text has {count} characters, more than {most}")
+_LARGE_NUMBER = Sentence("a number is not between -{most} and {most}")
+_DEEP = Sentence("it is nested more than {most} levels deep")
 _MAX_DEPTH = 50
 """Maximum depth of nested lists and objects in a message."""
 _MAX_NUMBER = 2.0**53

@@ -8,13 +8,13 @@ from enum import Enum
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.order import Edge, Node, Order
 
-ROBOT_REFUSED = Sentence("vda.refused", "the robot refused {what}: {reason}")
+ROBOT_REFUSED = Sentence("the robot refused {what}: {reason}")
 """Reason of a failure: a refusal, with the robot's text."""
-WITH_TEXT = Sentence("vda.withText", "{reason}: {text}")
+WITH_TEXT = Sentence("{reason}: {text}")
 """Reason of a failure that is not a refusal, with the robot's text."""
-NOT_AUTOMATIC = Sentence("vda.notAutomatic", "the robot is not in automatic mode")
+NOT_AUTOMATIC = Sentence("the robot is not in automatic mode")
 """Reason why nothing that moves the robot is performed."""
-NO_STATE = Sentence("vda.noState", "the robot has not reported its state yet")
+NO_STATE = Sentence("the robot has not reported its state yet")
 """Reason of a failure before the first report of the robot."""
 
 

@@ -48,7 +48,7 @@ _MAX_ANGLE = 3.14159265359
 _NOT_LOCALIZED = VehicleError(
     "LOCALIZATION_ERROR",
     ErrorLevel.FATAL,
-    Sentence("vda.notLocalized", "the robot does not know its position")(),
+    Sentence("the robot does not know its position")(),
     "initialise it with initializePosition",
 )
 

@@ -39,12 +39,11 @@ _HOLD_PREFIX = "action "
 """A hold is a reason for which the order must not drive. An instant action that forbids driving is
 one: its name is this prefix and the id of the action."""
 
-_TOO_MANY = Sentence("vda.tooManyInstant", "more than {most} instant actions run")
-_RUNS = Sentence("vda.idRuns", "the {action} with this id has not ended")
-_IN_ORDER = Sentence("vda.idInOrder", "an action of the order has this id")
+_TOO_MANY = Sentence("more than {most} instant actions run")
+_RUNS = Sentence("the {action} with this id has not ended")
+_IN_ORDER = Sentence("an action of the order has this id")
 _AGAIN = Sentence(
-    "vda.again",
-    "an instant action with this id was received before, and {action} is not performed again",
+    "an instant action with this id was received before, and {action} is not performed again"
 )
 
 

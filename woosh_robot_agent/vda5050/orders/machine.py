@@ -36,11 +36,11 @@ from woosh_robot_agent.vda5050.orders.structure import (
     classify,
 )
 
-_RESTARTED = Sentence("vda.restarted", "the connector was restarted while the action ran")()
-_OTHER_MAP = Sentence("vda.otherMap", "the vehicle waits before node {node}: it is on map {map}")
-_NOT_REACHED = Sentence("vda.notReached", "the robot did not reach node {node}: {reason}")
-_MOVED = Sentence("vda.moved", "the robot was moved away from node {node}")
-_FAR = Sentence("vda.far", "the trajectory of edge {edge} begins {distance} m away")
+_RESTARTED = Sentence("the connector was restarted while the action ran")()
+_OTHER_MAP = Sentence("the vehicle waits before node {node}: it is on map {map}")
+_NOT_REACHED = Sentence("the robot did not reach node {node}: {reason}")
+_MOVED = Sentence("the robot was moved away from node {node}")
+_FAR = Sentence("the trajectory of edge {edge} begins {distance} m away")
 _MAX_APPROACH = 0.5
 """Maximum distance to the start of a trajectory from which the vehicle drives there, in metres."""
 

@@ -18,29 +18,38 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.orders.legs import need_standstill
 from woosh_robot_agent.vda5050.orders.reach import is_reached
 
-_NO_ID = Sentence("vda.noId", "orderId is empty")
-_NO_NODE = Sentence("vda.noNode", "the order has no node")
+_NO_ID = Sentence("orderId is empty")
+_NO_NODE = Sentence("the order has no node")
 _EDGES = Sentence(
-    "vda.edges", "the order has {nodes} nodes and {edges} edges; it needs one edge less than nodes"
+    "the order has {nodes} nodes and {edges} edges; it needs one edge less than nodes"
 )
-_FIRST_NODE = Sentence("vda.firstNode", "the first node is not released")
-_APART = Sentence("vda.apart", "the edge does not connect the nodes before and after it")
-_END_NODE = Sentence("vda.endNode", "the edge is released, but its end node is not")
-_SEQUENCE = Sentence("vda.sequence", "sequenceId {id} does not follow {before}")
-_PREDECESSOR = Sentence("vda.predecessor", "it is released, but its predecessor is not")
-_SAME_ID = Sentence("vda.sameId", "two actions have the same id")
-_INSTANT_ID = Sentence("vda.instantId", "an instant action has this id")
-_OTHER_ORDER = Sentence(
-    "vda.otherOrder", "the vehicle still executes another order, or waits for its update"
-)
-_OUTDATED = Sentence("vda.outdated", "the vehicle has orderUpdateId {id} already")
-_CHANGED = Sentence("vda.changed", "the vehicle has another content of orderUpdateId {id}")
-_CANCELLED = Sentence("vda.cancelled", "the order was cancelled")
-_NO_UPDATE = Sentence("vda.noUpdate", "the update does not begin with the last node of the base")
-_NEW_ACTION = Sentence("vda.newAction", "the last node of the base does not have this action")
-_ELSEWHERE = Sentence(
-    "vda.elsewhere", "the vehicle is not within the permitted deviation from the first node"
-)
+_FIRST_NODE = Sentence("the first node is not released")
+_APART = Sentence("the edge does not connect the nodes before and after it")
+_END_NODE = Sentence("the edge is released, but its end node is not")
+_SEQUENCE = Sentence("sequenceId {id} does not follow {before}")
+_PREDECESSOR = Sentence("it is released, but its predecessor is not")
+_SAME_ID = Sentence("two actions have the same id")
+_INSTANT_ID = Sentence("an instant action has this id")
+_OTHER_ORDER = Sentence("the vehicle still executes another order, or waits for its update")
+_OUTDATED = Sentence("the vehicle has orderUpdateId {id} already")
+_CHANGED = Sentence("the vehicle has another content of orderUpdateId {id}")
+_CANCELLED = Sentence("the order was cancelled")
+_NO_UPDATE = Sentence("the update does not begin with the last node of the base")
+_NEW_ACTION = Sentence("the last node of the base does not have this action")
+_ELSEWHERE = Sentence("the vehicle is not within the permitted deviation from the first node")
+_FIRST_NODE = Sentence("the first node is not released")
+_APART = Sentence("the edge does not connect the nodes before and after it")
+_END_NODE = Sentence("the edge is released, but its end node is not")
+_SEQUENCE = Sentence("sequenceId {id} does not follow {before}")
+_PREDECESSOR = Sentence("it is released, but its predecessor is not")
+_SAME_ID = Sentence("two actions have the same id")
+_INSTANT_ID = Sentence("an instant action has this id")
+_OTHER_ORDER = Sentence("the vehicle still executes another order, or waits for its update")
+_OUTDATED = Sentence("the vehicle has orderUpdateId {id} already")
+_CHANGED = Sentence("the vehicle has another content of orderUpdateId {id}")
+_CANCELLED = Sentence("the order was cancelled")
+_NO_UPDATE = Sentence("the update does not begin with the last node of the base")
+_ELSEWHERE = Sentence("the vehicle is not within the permitted deviation from the first node")
 
 
 def check_structure(order: Order) -> None:

@@ -42,11 +42,11 @@ _ASK_EVERY = 1.0
 """Pause between two queries about an action, in seconds."""
 _CHECK_EVERY = 5.0
 """Time after which the robot is asked about an action, in case a report was lost, in seconds."""
-_FAILED = Sentence("vda.failed", "the robot failed")()
-_NOT_SENT = Sentence("vda.notSent", "{name} was not sent: {reason}")
-_UNKNOWN = Sentence("vda.unknownEnd", "the robot does not tell how it ended")
+_FAILED = Sentence("the robot failed")()
+_NOT_SENT = Sentence("{name} was not sent: {reason}")
+_UNKNOWN = Sentence("the robot does not tell how it ended")
 _FAILURES = {
-    ros_pack_pb2.kRosCancel: Sentence("vda.cancelledAtRobot", "it was cancelled at the robot")(),
+    ros_pack_pb2.kRosCancel: Sentence("it was cancelled at the robot")(),
     ros_pack_pb2.kRosFailure: _FAILED,
     ros_pack_pb2.kRosExecuteFailed: _FAILED,
 }

@@ -108,18 +108,18 @@ _ASK_EVERY = 1.0
 """Pause between two queries about a task, in seconds."""
 _CHECK_EVERY = 5.0
 """Time after which the robot is asked about a task, in case a report was lost, in seconds."""
-_THE_TASK = Sentence("vda.theTask", "the task")
-_RESTARTED = Sentence("vda.restartedBefore", "the connector was restarted before it sent the task")
-_OTHER_ACTION = Sentence("vda.otherAction", "the robot executes the task of another action")
+_THE_TASK = Sentence("the task")
+_RESTARTED = Sentence("the connector was restarted before it sent the task")
+_OTHER_ACTION = Sentence("the robot executes the task of another action")
 _END_REASONS = {
     task.kCompleted: "",
-    task.kCanceled: Sentence("vda.taskCancelled", "the task was cancelled at the robot")(),
-    task.kFailed: Sentence("vda.taskFailed", "the task failed")(),
+    task.kCanceled: Sentence("the task was cancelled at the robot")(),
+    task.kFailed: Sentence("the task failed")(),
 }
 """Reasons why a task was not completed, by its final state; empty for a completed task."""
-_UNKNOWN_TASK = Sentence("vda.unknownTask", "the robot does not know the task")()
+_UNKNOWN_TASK = Sentence("the robot does not know the task")()
 """Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
-UNSENT = Sentence("vda.unsent", "there is no link to the robot")()
+UNSENT = Sentence("there is no link to the robot")()
 """Reason if the start of a task was not sent."""
 _ORDERS = {
     Control.PAUSE: action.kPause,
