@@ -370,16 +370,32 @@ _STANDARD_PARAMETERS = parameters_of(StandardSettings)
 PARAMETERS = (*_LINK_PARAMETERS, *_OWN_PARAMETERS, *_STANDARD_PARAMETERS)
 """All parameters of the agent, in the order of the documentation."""
 _BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
-_GONE = {f"enable_{part}": part for part in PARTS}
-"""Parameters that do not exist any more, and the parts that they switched off."""
+_GONE = {
+    **{f"enable_{part}": f'list it in disabled_parts: ["{part}"]' for part in PARTS},
+    "handshake_timeout": "set connect_timeout, which holds for both steps",
+    **dict.fromkeys(
+        (
+            "close_timeout",
+            "backoff_min",
+            "backoff_max",
+            "stable_after",
+            "max_in_flight",
+            "push_queue",
+        ),
+        "its value is fixed",
+    ),
+}
+"""Parameters that do not exist any more, and what to do instead."""
+_NO_EFFECT = {"executor": "the agent has one executor for all releases and middleware"}
+"""Parameters of former versions that may still be set, and why they have no effect."""
 
 
 def check_names(names: Iterable[str]) -> list[str]:
     """Check the names of parameters that a user has set.
 
     Returns:
-        A warning for each name that looks misspelt. All other names may belong to other nodes that
-        share the parameter file.
+        A warning for each name without effect: one of `_NO_EFFECT`, or a name that looks misspelt.
+        All other names may belong to other nodes that share the parameter file.
 
     Raises:
         ValueError: a parameter does not exist any more.
@@ -387,9 +403,10 @@ def check_names(names: Iterable[str]) -> list[str]:
     warnings = []
     for name in names:
         if name in _GONE:
-            part = _GONE[name]
-            raise ValueError(f'there is no parameter {name}: list it in disabled_parts: ["{part}"]')
-        if name not in _BY_NAME and (
+            raise ValueError(f"there is no parameter {name}: {_GONE[name]}")
+        if name in _NO_EFFECT:
+            warnings.append(f"setting {name} has no effect: {_NO_EFFECT[name]}")
+        elif name not in _BY_NAME and (
             similar := difflib.get_close_matches(name, _BY_NAME, n=1, cutoff=0.8)
         ):
             warnings.append(

@@ -129,8 +129,9 @@ def test_bad_value_at_the_start_is_refused(
         start_agent(**parameter)
 
 
-def test_misspelt_parameters_are_named() -> None:
-    (misspelt,) = check_names(["publish_tff", "other_rate", "publish_tf"])
+def test_parameters_without_effect_are_named() -> None:
+    executor, misspelt = check_names(["executor", "publish_tff", "other_rate", "publish_tf"])
+    assert executor.startswith("setting executor has no effect: the agent has one executor")
     assert misspelt.startswith("there is no parameter publish_tff")
     assert misspelt.endswith("did you mean publish_tf?")
 
