@@ -253,16 +253,16 @@ async def test_a_stop_just_after_a_cancel_waits_for_the_report_of_its_effect() -
         assert (await soon(stop)).success
 
 
-@pytest.mark.parametrize("answered_first", [True, False])
+@pytest.mark.parametrize("answered", ["before the stop", "after the stop", "never"])
 async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancelled(
-    answered_first: bool,
+    answered: str,
 ) -> None:
     """The chassis refuses to cancel a task that it has accepted and not begun."""
     begun = False
     starts: list[Frame] = []
 
     async def chassis(wire: Wire, frame: Frame) -> bool:
-        if frame["type"] == "woosh.robot.ExecTask" and not answered_first:
+        if frame["type"] == "woosh.robot.ExecTask" and answered != "before the stop":
             starts.append(frame)
             return True
         is_cancel = frame["type"] in ("woosh.robot.ActionOrder", "woosh.ros.CallAction")
@@ -274,17 +274,34 @@ async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancel
     async with gated(chassis, effect=NEVER) as rig:
         start = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
         await eventually(lambda: "woosh.robot.ExecTask" in types(rig.wire))
-        if answered_first:
+        if answered == "before the stop":
             await soon(start)
         assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing runs yet"
-        for frame in starts:
-            await rig.wire.answer(frame)
-        await soon(start)
+        if answered == "after the stop":
+            await rig.wire.answer(starts[0])
+            await soon(start)
         begun = True
         sent = len(types(rig.wire))
         await rig.wire.push("woosh.robot.TaskProc", RUNNING)
-        await eventually(lambda: "woosh.robot.ActionOrder" in types(rig.wire)[sent:])
-        await eventually(lambda: len(types(rig.wire)) == sent + ORDERS - 1)
+        await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
+        assert types(rig.wire)[sent : sent + 2] == [TWIST, "woosh.robot.ActionOrder"]
+        start.cancel()
+
+
+async def test_a_late_start_that_is_not_cancelled_is_an_error(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def refuse_the_order(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == "woosh.robot.ActionOrder":
+            await wire.answer(frame, ok=False, msg="Request failed")
+            return True
+        return await answer_all(wire, frame)
+
+    async with gated(refuse_the_order, effect=0.3) as rig:
+        await ok(rig.gate.request(ExecTask(task_id=7)))
+        assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing runs yet"
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: "NOT STOPPED: cancel of task: Request failed" in caplog.text)
 
 
 @pytest.mark.parametrize("by_other", [False, True], ids=["from here", "by another client"])

@@ -240,7 +240,8 @@ class MotionGate:
         self._wheels_taken = -math.inf
         """Monotonic time at which the chassis last accepted a task or driving action from here."""
         self._start_sent = -math.inf
-        """Monotonic time at which that start was sent; -inf once something has begun since."""
+        """Monotonic time at which the last task or driving action from here was sent; -inf once
+        something has begun since."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -307,6 +308,10 @@ class MotionGate:
         for callback in self._stop_callbacks:
             callback()
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
+        return await self._send_stop(timeout)
+
+    async def _send_stop(self, timeout: float) -> StopReport:
+        """Send a zero velocity and cancel everything that moves the robot."""
         orders = cancel_orders()
         # each goes to the front of the queue, so the first one to send, the zero, is queued last
         queued = [*reversed(orders.values()), Twist()]
@@ -438,16 +443,21 @@ class MotionGate:
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + self.timing.driving
-        sent = time.monotonic()
+        sent_before = self._start_sent
+        if takes_wheels(message):  # now, because the answer may be lost, or come after the report
+            self._start_sent = time.monotonic()
+        sent = self._start_sent
         answer = await self._send(message, how)  # rule 3: once
         if not answer.ok:
+            if self._start_sent == sent:
+                self._start_sent = sent_before
             # rule 6: the start has ended all earlier velocities, and this later one was refused;
             # after any other refusal, an earlier velocity may still drive the robot
             if message is self._unanswered_at_start and message is self._last_velocity:
                 self._drives_until = -math.inf
             return answer
         if takes_wheels(message):  # rule 6
-            self._wheels_taken, self._start_sent = time.monotonic(), sent
+            self._wheels_taken = time.monotonic()
             if self._last_velocity is velocity_before:
                 self._drives_until = -math.inf
             else:  # the last velocity was sent after this command
@@ -524,10 +534,9 @@ class MotionGate:
         The cancels of the stop may have come too early, and then have no effect.
         """
         _LOG.warning("what was started just before the last stop has begun after it: cancelling it")
-        orders = [self._send_first(each, self.timing.effect) for each in cancel_orders().values()]
-        answers = await asyncio.gather(*orders)
-        if not any(map(_is_ok, answers)):
-            _LOG.error("it was not cancelled: %s; %s", _reason(answers[0]), _ADVICE())
+        report = await self._send_stop(self.timing.effect)
+        if not report.success:
+            _LOG.error("%s", report.message)
 
     def _link_changed(self, state: LinkState) -> None:
         if state in (LinkState.CONNECTING, LinkState.READY):
