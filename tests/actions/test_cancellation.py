@@ -19,8 +19,14 @@ class Chassis:
     def __init__(self) -> None:
         self.accepted = 0
         self.sent: list[asyncio.Future[Any]] = []
+        self.has_begun, self.replaced = True, False
         self.cancellation = Cancellation(
-            "task 5", self._send, self._replaced, self._accepted, lambda: None, lambda: True
+            "task 5",
+            self._send,
+            self._replaced,
+            self._accepted,
+            lambda: None,
+            lambda: self.has_begun,
         )
 
     async def _send(self) -> Any:
@@ -28,7 +34,7 @@ class Chassis:
         return await self.sent[-1]
 
     async def _replaced(self) -> bool:
-        return False
+        return self.replaced
 
     def _accepted(self) -> None:
         self.accepted += 1
@@ -65,3 +71,14 @@ async def test_no_cancel_is_sent_after_stop() -> None:
     chassis.cancellation.stop()
     await settled()
     assert chassis.sent[0].cancelled()
+
+
+async def test_an_early_cancel_is_not_sent_again_if_another_goal_has_replaced_this_one() -> None:
+    """It would hit the other goal."""
+    chassis = Chassis()
+    chassis.has_begun = False
+    await chassis.request()
+    chassis.has_begun = chassis.replaced = True
+    chassis.sent[-1].set_result(SimpleNamespace(ok=True, msg=""))
+    await settled()
+    assert len(chassis.sent) == 1

@@ -62,9 +62,9 @@ class Cancellation:
             self._task.cancel()
 
     async def _run(self) -> None:
-        if await self._is_replaced():
-            return  # the cancel would hit the newer goal, and this one is over
-        while self.pending:  # repeat if the client has asked again meanwhile
+        while self.pending:  # repeat if the client has asked again, or the goal begun, meanwhile
+            if await self._is_replaced():
+                return  # the cancel would hit the newer goal, and this one is over
             self.pending = False
             is_early = not self._has_begun()
             try:
@@ -81,11 +81,12 @@ class Cancellation:
             if answer.ok:
                 self._on_accepted()
             else:
-                _LOG.warning(
-                    "the chassis refused to cancel %s, which may still be running: %s",
-                    self._name,
-                    answer.reason,
-                )
+                if not is_early:  # otherwise there was nothing to cancel yet
+                    _LOG.warning(
+                        "the chassis refused to cancel %s, which may still be running: %s",
+                        self._name,
+                        answer.reason,
+                    )
                 self._on_refused()
             if is_early:
                 self.pending = True

@@ -127,7 +127,7 @@ class GoalRun:
             ),
             is_replaced=lambda: context.open_goals.newer_accepted(self),
             on_accepted=self._give_up.cancel_accepted,
-            on_refused=self._poll_soon,  # perhaps it has ended, and the report was lost
+            on_refused=self._cancel_refused,
             has_begun=lambda: self._attribution.has_report,
         )
         self._is_displaced = False
@@ -410,6 +410,16 @@ class GoalRun:
         return end
 
     # Polls
+
+    def _cancel_refused(self) -> None:
+        """Poll the state of the goal: perhaps it has ended, and the report was lost."""
+        if self._attribution.has_report:
+            self._poll_soon()
+            return
+        # perhaps it has not begun yet; until then, the answer may have the end of an earlier goal
+        begins = self._clock() + self._timing.cancel_report_timeout
+        self._next_poll = min(self._next_poll, begins)
+        self.post(Tick())  # wakes `_follow`, which waits until then
 
     def _poll_soon(self) -> None:
         """Poll the state of the goal if that is possible now, and schedule the next poll."""
