@@ -200,3 +200,10 @@ def test_everything_is_admitted_after_a_report_on_the_goal() -> None:
 
 def test_everything_is_admitted_if_the_chassis_does_not_repeat_ends() -> None:
     assert Attribution().admit_polled(ANOTHER, SUCCEEDED, UNCONFIRMED)
+
+
+def test_a_push_that_repeats_an_earlier_end_is_known_after_a_poll_too() -> None:
+    attribution = Attribution(repeats_ends=True, previous=BEFORE)
+    assert attribution.repeats_previous(BEFORE, SUCCEEDED)
+    assert not attribution.admit_polled(BEFORE, SUCCEEDED, RUNNING)
+    assert attribution.repeats_previous(BEFORE, SUCCEEDED)

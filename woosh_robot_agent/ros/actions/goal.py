@@ -196,6 +196,8 @@ class Attribution:
         self._inherited = frozenset(inherited)
         self._repeats_ends = repeats_ends
         self._previous = previous
+        self._was_polled = False
+        """True once the answer to a poll has had an end since this goal was accepted."""
 
     def attribute(self, outcome: Outcome | None, phase: Phase, *, cancel_requested: bool) -> bool:
         """Decide if a report belongs to this goal; return True if it does.
@@ -230,8 +232,8 @@ class Attribution:
         previous = self._previous
         if phase.accepted:
             # from now on, the same end means that this goal ended like the earlier one
-            self._previous = None
-            return report != previous
+            was_polled, self._was_polled = self._was_polled, True
+            return was_polled or report != previous
         # without an earlier end to compare with, an end proves nothing
         return previous is not None and report != previous
 
@@ -246,7 +248,7 @@ class Attribution:
 
     def note_earlier_end(self, report: object) -> None:
         """Note an end that is not that of this goal."""
-        self._previous = report
+        self._previous, self._was_polled = report, False
 
     def _attribute_progress(self, phase: Phase) -> bool:
         """Decide on a report that the goal is running."""
