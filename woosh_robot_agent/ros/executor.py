@@ -16,8 +16,8 @@ at the entities in use:
 5. Between two callbacks of a turn, urgent services and subscriptions are looked at again, so that
    they wait for at most one callback that is not urgent. Each runs at most once there, so that a
    flood of messages for one of them holds up no other callback.
-6. `spin_once` runs one callback. An exception of the callback leaves `spin_once`. The next call
-   continues the turn.
+6. `spin_once` runs one callback. An exception of the callback leaves `spin_once`, but not one of a
+   future's done callback, which rclpy turns into a warning. The next call continues the turn.
 7. After an urgent callback, the thread that spins lets other threads run: the callback has handed
    its work to one of them, which needs the GIL to begin.
 8. Callbacks are functions: none of them awaits anything. So callback groups need not be kept apart.

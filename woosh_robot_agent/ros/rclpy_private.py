@@ -96,8 +96,8 @@ def take_response(client: Any) -> Callable[[], None] | None:
 def undelivered_responses() -> Iterator[list[str]]:
     """Yield a list that gets the text of each response in the context that rclpy drops.
 
-    It drops a response if its client has not been discovered within 0.1 s, and only warns. Use it
-    in one thread only, because Python's warnings are global.
+    It drops a response if its client has not been discovered within 0.1 s, and only warns. Python's
+    warnings are global, so a response that another thread sends meanwhile counts, too.
 
     Replaceable by: an exception, or a return value, of `Service.send_response`.
     """
