@@ -162,7 +162,7 @@ class MapSource:
             content = {
                 "scene": scene_name,
                 "name": map_name,
-                "version": version,
+                "version": str(version),
                 "marks": part_data.marks_data(area),
                 "zones": part_data.zones_data(area),
                 "lanes": part_data.lanes_data(area),
