@@ -53,6 +53,7 @@ import { batch, computed, effect, signal } from "./vendor/preact.js";
  * @property {Code | null} code reason of a failure, if known
  * @property {string} scene empty if it is not known on which map the task is
  * @property {string} map
+ * @property {string} version of this map
  * @property {number} begun Unix time in milliseconds; 0 if its start was not seen
  * @property {number} changed Unix time in ms of the last change of state, 0 before the first report
  * @property {string} by name of the viewer or of another source, empty if unknown
