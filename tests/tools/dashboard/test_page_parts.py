@@ -10,6 +10,7 @@ import struct
 import time
 from typing import Any
 
+from dataclasses import replace
 import pytest
 from PIL import Image
 
@@ -72,6 +73,22 @@ async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThre
 
 async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
+async def test_what_was_drawn_on_a_map_ends_with_its_change(chassis: SimulatorThread) -> None:
+    def change_map(simulator: Any) -> None:
+        area = simulator.chassis.map
+        simulator.chassis.change_map(replace(area, version=area.version + 1))
+
+    async with controlled(chassis) as viewer:
+        await viewer.give("goMark", mark="A2")
+        await viewer.until(lambda parts: parts["map"]["marks"] and parts["path"])
+        for cls in (SceneData, NavPath):
+            chassis.refuse(full_name(cls), "not now")
+        await viewer.give("pause")
+        chassis.call(change_map)
+        await viewer.until(lambda parts: "marks" not in parts["map"] and parts["map"]["error"])
+        assert viewer.parts["path"] == []
+
+
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
         await viewer.give("workMode", mode="deploy")
         await viewer.give("buildMap", type="add", scene="hall", map="ground")

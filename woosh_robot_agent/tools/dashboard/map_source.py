@@ -49,8 +49,8 @@ class MapPicture:
 
     def shows(self, scene: Scene) -> bool:
         """Return True if this is the map that a robot uses; False for a map that is being made."""
-        names = self.data.get("scene"), self.data.get("name")
-        return names == (scene.scene_name, scene.map_name)
+        shown = tuple(map(self.data.get, ("scene", "name", "version")))
+        return shown == (scene.scene_name, scene.map_name, str(scene.version))
 
 
 class MapSource:
