@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+import itertools
 import json
 import math
 import struct
@@ -282,6 +283,24 @@ async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
         dashboard(chassis, scan_rate=50.0) as running,
         page(running) as slow,
         page(running) as quick,
+async def test_a_large_part_that_changes_faster_than_it_is_sent_comes(
+    chassis: SimulatorThread,
+) -> None:
+    delay = Delay()
+    async with (
+        dashboard(chassis) as running,
+        delayed(running, delay) as port,
+        page(running, port) as viewer,
+    ):
+        await viewer.ready()
+        numbers = itertools.count()
+        large = running.robots[0].parts
+        large.add("large", lambda: [next(numbers), "x" * 120_000], each_second=True)
+        delay.rate = 40e3
+        for _ in range(3):
+            await viewer.until(lambda parts: parts.pop("large", None))
+
+
     ):
         await slow.until(lambda parts: parts["pose"])
         slow.socket.transport.pause_reading()
