@@ -7,11 +7,12 @@ import io
 import itertools
 import json
 import math
+import ssl
 import struct
 import time
+from dataclasses import replace
 from typing import Any
 
-from dataclasses import replace
 import pytest
 from PIL import Image
 
@@ -72,8 +73,6 @@ async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThre
         assert viewer.parts["map"]["name"] == "wooshmap"
 
 
-async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis, control=True) as running, page(running) as viewer:
 async def test_what_was_drawn_on_a_map_ends_with_its_change(chassis: SimulatorThread) -> None:
     def change_map(simulator: Any) -> None:
         area = simulator.chassis.map
@@ -90,6 +89,8 @@ async def test_what_was_drawn_on_a_map_ends_with_its_change(chassis: SimulatorTh
         assert viewer.parts["path"] == []
 
 
+async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
         await viewer.give("workMode", mode="deploy")
         await viewer.give("buildMap", type="add", scene="hall", map="ground")
@@ -261,14 +262,20 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
         assert seen == {0}
 
 
+@pytest.mark.parametrize("encrypted", [False, True])
 async def test_a_page_with_a_slow_connection_gets_the_newest_state(
-    chassis: SimulatorThread,
+    chassis: SimulatorThread, certificate: list[str], encrypted: bool
 ) -> None:
     delay = Delay()
+    server_tls = client_tls = None
+    if encrypted:
+        server_tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+        server_tls.load_cert_chain(certificate[1], certificate[3])
+        client_tls = ssl.create_default_context(cafile=certificate[1])
     async with (
-        dashboard(chassis) as running,
+        dashboard(chassis, tls=server_tls) as running,
         delayed(running, delay) as port,
-        page(running, port) as viewer,
+        page(running, port, tls=client_tls) as viewer,
     ):
         await viewer.ready()
         delay.rate = 8e3  # a third of what it gets otherwise
@@ -276,13 +283,6 @@ async def test_a_page_with_a_slow_connection_gets_the_newest_state(
         assert asyncio.get_running_loop().time() - viewer.parts["clock"] / 1000.0 < 6.0
 
 
-async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
-    chassis: SimulatorThread,
-) -> None:
-    async with (
-        dashboard(chassis, scan_rate=50.0) as running,
-        page(running) as slow,
-        page(running) as quick,
 async def test_a_large_part_that_changes_faster_than_it_is_sent_comes(
     chassis: SimulatorThread,
 ) -> None:
@@ -301,6 +301,13 @@ async def test_a_large_part_that_changes_faster_than_it_is_sent_comes(
             await viewer.until(lambda parts: parts.pop("large", None))
 
 
+async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
+    chassis: SimulatorThread,
+) -> None:
+    async with (
+        dashboard(chassis, scan_rate=50.0) as running,
+        page(running) as slow,
+        page(running) as quick,
     ):
         await slow.until(lambda parts: parts["pose"])
         slow.socket.transport.pause_reading()
