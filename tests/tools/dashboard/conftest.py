@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
@@ -34,6 +35,20 @@ def other() -> Iterator[SimulatorThread]:
     """A simulated chassis beside `chassis`."""
     with SimulatorThread(quick_config(port=0, tcp_port=0, robot_id=8)) as running:
         yield running
+
+
+@pytest.fixture
+def certificate(tmp_path: Path) -> list[str]:
+    """Options with a new certificate for this machine, and its key."""
+    files = [str(tmp_path / name) for name in ("cert.pem", "key.pem")]
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"]
+        + ["-nodes", "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"]
+        + ["-out", files[0], "-keyout", files[1]],
+        check=True,
+        capture_output=True,
+    )
+    return ["--tls-cert", files[0], "--tls-key", files[1]]
 
 
 @pytest.fixture

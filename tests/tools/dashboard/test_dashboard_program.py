@@ -50,20 +50,6 @@ async def test_the_chassis_stops_by_itself_when_the_program_is_killed(
         # on a busy machine, the connection was too slow, and the stick had stopped the robot
 
 
-@pytest.fixture
-def certificate(tmp_path: Path) -> list[str]:
-    """Options with a new certificate for this machine, and its key."""
-    files = [str(tmp_path / name) for name in ("cert.pem", "key.pem")]
-    subprocess.run(
-        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"]
-        + ["-nodes", "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"]
-        + ["-out", files[0], "-keyout", files[1]],
-        check=True,
-        capture_output=True,
-    )
-    return ["--tls-cert", files[0], "--tls-key", files[1]]
-
-
 async def test_the_page_is_served_over_https(
     chassis: SimulatorThread, certificate: list[str]
 ) -> None:

@@ -484,7 +484,26 @@ def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
     eventually(lambda: browser.is_enabled(repeat), "its end")
     switch_map(browser, "scenex")
     assert not browser.is_enabled(repeat)
-    assert browser.script(title) == "A2 is on another map"
+    assert browser.script(title) == "A2 is on another map, or the map was changed"
+
+
+def test_a_place_is_not_repeated_on_a_map_that_was_changed(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    def change_map(simulator: Any) -> None:
+        area = simulator.chassis.map
+        simulator.chassis.change_map(replace(area, version=area.version + 1))
+
+    repeat = "#ended li:first-child .quiet"
+    give = "connection.command('go', {x: 1, y: -6, theta: 0, ...store.shownMap.value})"
+    browser.show("tasks")
+    again_if_slow(
+        browser, lambda: browser.script(give), lambda: browser.text("#running"), "the task"
+    )
+    browser.press("#panel #cancel")
+    eventually(lambda: browser.is_enabled(repeat), "its end")
+    robot.call(change_map)
+    eventually(lambda: not browser.is_enabled(repeat), "the change of the map")
 
 
 def test_zoom_pan_fit_measure_and_turn(browser: Browser) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import math
 from collections.abc import Callable
 from typing import Any
@@ -39,6 +40,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     SwitchWorkMode,
     Twist,
 )
+from woosh_robot_agent.pb.robot.robot_pb2 import Scene
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
@@ -266,6 +268,18 @@ async def test_a_place_of_another_map_is_not_sent(
             assert answer == (False, f"{shown} was not sent: {reason}")
         assert chassis.counts[full_name(sent)] == 0
         await viewer.give(name, **place)
+
+
+async def test_a_map_whose_version_a_browser_would_round_is_used(chassis: SimulatorThread) -> None:
+    async with controlled(chassis) as viewer:
+        before = viewer.parts["robot"]["version"]
+        chassis.push(Scene(scene_name="wooshmap", map_name="wooshmap", version=2**53 + 1))
+        version = await viewer.until(
+            lambda parts: parts["robot"]["version"] != before and parts["robot"]["version"]
+        )
+        # a browser has only floats
+        version = json.loads(json.dumps(version), parse_int=lambda digits: int(float(digits)))
+        await viewer.give("go", x=0.0, y=0.0, theta=0.0, version=version)
 
 
 @pytest.mark.parametrize("name", ["go", "goMark", "continue", "setPose", "workMode", "controlMode"])

@@ -327,6 +327,25 @@ def test_what_is_off_says_why(robot: SimulatedPage, browser: Browser) -> None:
     assert "in deployment mode" in shown_with("robot", deployed, "#now")
 
 
+def test_what_ends_a_motion_is_on_though_the_page_is_no_longer_updated(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    start_task(browser, robot)
+    order = "{id: '', node: 'hall', nodesLeft: 1, paused: false, errors: []}"
+    browser.script(
+        "void (connection.onPart = ((former) => (name, data) => former(name,"
+        " name === 'link' ? {...data, good: false, state: 'failed'} :"
+        f" name === 'fleet' ? data.map((card) => ({{...card, order: {order}}})) : data))"
+        "(connection.onPart))"
+    )
+    browser.script("connection.onPart('fleet', store.fleet.value)")
+    eventually(lambda: browser.script("store.link.value.state === 'failed'"), "the failure")
+    browser.show("fleet")
+    eventually(lambda: browser.elements("#panel.old .card"), "the old cards")
+    assert browser.is_enabled(".doing #pause")
+    assert browser.is_enabled(".doing #cancel")
+
+
 def test_a_button_that_is_off_looks_off_and_a_mark_ends_set_pose(browser: Browser) -> None:
     colours = """((button) => {
       const {backgroundColor, color} = getComputedStyle(button);

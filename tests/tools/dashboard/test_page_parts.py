@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import io
+import itertools
 import json
 import math
+import ssl
 import struct
 import time
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -68,6 +71,22 @@ async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThre
         await viewer.give("switchMap", scene="wooshmap", map="wooshmap")
         await viewer.until(lambda parts: parts["map"]["marks"] and not parts["map"]["error"])
         assert viewer.parts["map"]["name"] == "wooshmap"
+
+
+async def test_what_was_drawn_on_a_map_ends_with_its_change(chassis: SimulatorThread) -> None:
+    def change_map(simulator: Any) -> None:
+        area = simulator.chassis.map
+        simulator.chassis.change_map(replace(area, version=area.version + 1))
+
+    async with controlled(chassis) as viewer:
+        await viewer.give("goMark", mark="A2")
+        await viewer.until(lambda parts: parts["map"]["marks"] and parts["path"])
+        for cls in (SceneData, NavPath):
+            chassis.refuse(full_name(cls), "not now")
+        await viewer.give("pause")
+        chassis.call(change_map)
+        await viewer.until(lambda parts: "marks" not in parts["map"] and parts["map"]["error"])
+        assert viewer.parts["path"] == []
 
 
 async def test_the_map_that_the_robot_is_making_grows(chassis: SimulatorThread) -> None:
@@ -243,7 +262,28 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
         assert seen == {0}
 
 
+@pytest.mark.parametrize("encrypted", [False, True])
 async def test_a_page_with_a_slow_connection_gets_the_newest_state(
+    chassis: SimulatorThread, certificate: list[str], encrypted: bool
+) -> None:
+    delay = Delay()
+    server_tls = client_tls = None
+    if encrypted:
+        server_tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+        server_tls.load_cert_chain(certificate[1], certificate[3])
+        client_tls = ssl.create_default_context(cafile=certificate[1])
+    async with (
+        dashboard(chassis, tls=server_tls) as running,
+        delayed(running, delay) as port,
+        page(running, port, tls=client_tls) as viewer,
+    ):
+        await viewer.ready()
+        delay.rate = 8e3  # a third of what it gets otherwise
+        await asyncio.sleep(15.0)
+        assert asyncio.get_running_loop().time() - viewer.parts["clock"] / 1000.0 < 6.0
+
+
+async def test_a_large_part_that_changes_faster_than_it_is_sent_comes(
     chassis: SimulatorThread,
 ) -> None:
     delay = Delay()
@@ -253,9 +293,12 @@ async def test_a_page_with_a_slow_connection_gets_the_newest_state(
         page(running, port) as viewer,
     ):
         await viewer.ready()
-        delay.rate = 8e3  # a third of what it gets otherwise
-        await asyncio.sleep(15.0)
-        assert asyncio.get_running_loop().time() - viewer.parts["clock"] / 1000.0 < 6.0
+        numbers = itertools.count()
+        large = running.robots[0].parts
+        large.add("large", lambda: [next(numbers), "x" * 120_000], each_second=True)
+        delay.rate = 40e3
+        for _ in range(3):
+            await viewer.until(lambda parts: parts.pop("large", None))
 
 
 async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(

@@ -243,6 +243,9 @@ class LimitedConnection(asyncio.Protocol):
         """Count as a WebSocket from now on. Data that wait for being sent would be outdated."""
         self._opening.pop(self, None)
         self._transport.set_write_buffer_limits(_MAX_WAITING)
+        # with TLS, this limits only what is not encrypted yet; asyncio has no way to limit the rest
+        if encryption := getattr(self._transport, "_ssl_protocol", None):
+            encryption._transport.set_write_buffer_limits(_MAX_WAITING)
         system = self._transport.get_extra_info("socket")
         system.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _MAX_WAITING)
 

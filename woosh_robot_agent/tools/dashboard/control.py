@@ -325,7 +325,7 @@ class Control:
         """Return the reason if the place of a command is not on the map that the robot uses."""
         used = self._robot.view.info.scene
         shown = tuple(map(args.get, ("scene", "map", "version")))
-        if shown == (used.scene_name, used.map_name, used.version):
+        if shown == (used.scene_name, used.map_name, str(used.version)):
             return None
         return Text("reason.otherMap", map=used.map_name)
 

@@ -49,8 +49,8 @@ class MapPicture:
 
     def shows(self, scene: Scene) -> bool:
         """Return True if this is the map that a robot uses; False for a map that is being made."""
-        names = self.data.get("scene"), self.data.get("name")
-        return names == (scene.scene_name, scene.map_name)
+        shown = tuple(map(self.data.get, ("scene", "name", "version")))
+        return shown == (scene.scene_name, scene.map_name, str(scene.version))
 
 
 class MapSource:
@@ -162,7 +162,7 @@ class MapSource:
             content = {
                 "scene": scene_name,
                 "name": map_name,
-                "version": version,
+                "version": str(version),
                 "marks": part_data.marks_data(area),
                 "zones": part_data.zones_data(area),
                 "lanes": part_data.lanes_data(area),

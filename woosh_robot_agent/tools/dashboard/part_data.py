@@ -91,7 +91,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "model": info.genral.display_model,
         "scene": info.scene.scene_name,
         "map": info.scene.map_name,
-        "version": info.scene.version,
+        "version": str(info.scene.version),  # a browser rounds large numbers
         "state": enum_name(robot.State, info.state),
         "control": enum_name(robot.ControlMode, info.mode.ctrl) if info.HasField("mode") else None,
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,

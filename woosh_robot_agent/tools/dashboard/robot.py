@@ -193,9 +193,13 @@ class Robot:
 
     @property
     def _origin(self) -> tuple[Any, ...]:
-        """Number of connections so far, scene and map; a path is valid while they stay the same."""
+        """Number of connections so far, scene, map and its version.
+
+        A path is valid while they stay the same.
+        """
         scene = self.view.info.scene
-        return self.chassis.stats.connects, scene.scene_name, scene.map_name
+        connects = self.chassis.stats.connects
+        return connects, scene.scene_name, scene.map_name, scene.version
 
     @property
     def history(self) -> dict[str, Any]:

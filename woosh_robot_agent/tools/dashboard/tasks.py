@@ -40,6 +40,7 @@ class _Task:
         scene: scene that the robot used when the task was given or first seen; empty if the task
             was first seen after its end.
         map: map that the robot used then; empty in the same case.
+        version: version of this map, as in the part `robot`; empty in the same case.
         begun: Unix time at which the task was given or first seen, in milliseconds; 0 if unknown.
         changed: Unix time at which the task got its present state, or at which its unreported end
             was noticed, in milliseconds; 0 before.
@@ -52,6 +53,7 @@ class _Task:
     place: tuple[float, float] | None = None
     scene: str = ""
     map: str = ""
+    version: str = ""
     begun: int = 0
     changed: int = 0
 
@@ -157,6 +159,7 @@ class TaskLog:
     def _note_map(self, begun: _Task) -> None:
         used = self._robot.view.info.scene
         begun.scene, begun.map = used.scene_name, used.map_name
+        begun.version = str(used.version)
 
     def _note_driver(self, begun: _Task) -> None:
         if begun.runs and self._robot.chassis.state is LinkState.READY:
@@ -183,6 +186,7 @@ class TaskLog:
             "code": self._failure(report) if failed else None,
             "scene": each.scene,
             "map": each.map,
+            "version": each.version,
             "begun": each.begun,
             "changed": each.changed,
             "by": each.by,

@@ -26,7 +26,8 @@ class Viewer:
 
     A note is a message that must not be left out, e.g. the reply to a command. A slow viewer gets
     fewer messages: of each part only the newest one. It delays no other viewer. Between the pieces
-    of a large part, e.g. the map, it gets other messages.
+    of a large part, e.g. the map, it gets other messages. A large part that changes meanwhile is
+    sent to its end first, because it may change faster than it can be sent.
 
     Args:
         socket: the WebSocket.
@@ -74,9 +75,10 @@ class Viewer:
         self.ended_press = -1
         self._is_time_due = False
         """True if the time has to be sent."""
-        self._stale: dict[tuple[Parts, str], int] = {}
-        """The parts to send, as `Parts` object and name, in their order; how many characters of
-        each have been sent."""
+        self._stale: dict[tuple[Parts, str], None] = {}
+        """The parts to send, as `Parts` object and name, in their order, as an ordered set."""
+        self._begun: dict[tuple[Parts, str], tuple[str, int]] = {}
+        """Messages of which only pieces have been sent, and how many characters, by their part."""
         self._notes: list[str] = []
         """Notes to send."""
         self._wake = asyncio.Event()
@@ -101,6 +103,7 @@ class Viewer:
         for parts in self._stores:
             parts.unwatch(self)
         self._stale.clear()
+        self._begun.clear()
 
     @property
     def _stores(self) -> list[Parts]:
@@ -164,17 +167,20 @@ class Viewer:
         if self._is_time_due:
             self._is_time_due = False
             return f'{{"part":"clock","data":{int(asyncio.get_running_loop().time() * 1000.0)}}}'
-        parts, name = next(iter(self._stale))
-        begin = self._stale.pop((parts, name))
-        message = parts.messages[name]
+        parts, name = part = next(iter(self._stale))
+        del self._stale[part]
+        newest = parts.messages[name]
+        message, begin = self._begun.pop(part, (newest, 0))
         if isinstance(message, bytes) or len(message) <= _PIECE:
             return message
         end = begin + _PIECE
         if end < len(message):
-            self._stale[parts, name] = end
+            self._begun[part] = message, end
+        if end < len(message) or message is not newest:
+            self._stale[part] = None
         head = {"part": name, "begin": begin, "last": end >= len(message)}
         return f"{json.dumps(head)}\n{message[begin:end]}"
 
     def _changed(self, parts: Parts, names: Collection[str]) -> None:
-        self._stale.update(dict.fromkeys(((parts, name) for name in names), 0))
+        self._stale.update(dict.fromkeys((parts, name) for name in names))
         self._wake.set()

@@ -9,7 +9,7 @@ const HINDRANCES = [
   ...["emergency_stop", "manual", "maintenance", "no_control_mode", "deployment", "schedule"],
   ...["no_work_mode", "not_initialised", "lost"],
 ];
-/** Commands that are also sent to a robot that sends nothing. */
+/** Commands that are also sent to a robot that sends nothing, or that the page no longer updates. */
 const INTERRUPTS = ["pause", "cancel"];
 /** Commands that may be given again before the robot has answered. */
 const REPEATABLE = ["sound", "speedLimit"];
@@ -35,6 +35,7 @@ export function refusal(name) {
   const owner = store.control.value?.owner;
   if (store.problem.value) return text(store.problem.value);
   if (OF_SIMULATOR.includes(name)) return null;
+  if (link?.state === "failed" && INTERRUPTS.includes(name)) return null; // the rest may be old
   if (!link || link.state !== "connected") return text(`link.${link?.state ?? "connecting"}`);
   if (link.silence && !INTERRUPTS.includes(name))
     return text("link.noData", { seconds: link.silence });

@@ -8,6 +8,7 @@ const SILENCE = 2000; // milliseconds without a message after which the shown da
 const GIVE_UP = 6000; // milliseconds without a message after which the connection counts as lost
 const CONNECT_TIMEOUT = 15000; // milliseconds
 const STOP_TIMEOUT = 2500; // milliseconds
+const FETCH_TIMEOUT = 5000; // milliseconds; the browser itself may wait for minutes
 const FORBIDDEN = 403; // HTTP status
 const TOO_MANY_VIEWERS = 1013; // code with which the dashboard closes the connection
 
@@ -112,9 +113,9 @@ export class Connection {
   /** Show why there is no connection. The browser does not say why it has failed. */
   async findProblem() {
     if (this.problem !== "link.refused") this.setProblem("link.noDashboard");
-    const status = await fetch(".").then(
+    const status = await fetch(".", { signal: AbortSignal.timeout(FETCH_TIMEOUT) }).then(
       (response) => response.status,
-      () => 0, // no dashboard
+      () => 0, // no dashboard, or one that hangs
     );
     if (!["link.noDashboard", "link.refused"].includes(this.problem)) return; // connected meanwhile
     this.setProblem(status === FORBIDDEN ? "link.refused" : "link.noDashboard");

@@ -20,7 +20,7 @@ import { batch, computed, effect, signal } from "./vendor/preact.js";
  * @property {string} model
  * @property {string} scene
  * @property {string} map
- * @property {number} version of the map
+ * @property {string} version of the map
  * @property {string} state what it does, e.g. `idle`
  * @property {string | null} control mode: `auto`, `manual` or `maintain`
  * @property {string | null} work mode: `task`, `deploy` or `schedule`
@@ -53,6 +53,7 @@ import { batch, computed, effect, signal } from "./vendor/preact.js";
  * @property {Code | null} code reason of a failure, if known
  * @property {string} scene empty if it is not known on which map the task is
  * @property {string} map
+ * @property {string} version of this map
  * @property {number} begun Unix time in milliseconds; 0 if its start was not seen
  * @property {number} changed Unix time in ms of the last change of state, 0 before the first report
  * @property {string} by name of the viewer or of another source, empty if unknown
@@ -64,7 +65,7 @@ import { batch, computed, effect, signal } from "./vendor/preact.js";
  * @property {import("./texts.js").Value} error why the map, or a part of it, cannot be shown; may be empty
  * @property {string} [scene]
  * @property {string} [name]
- * @property {number} [version] another one after each change of the map
+ * @property {string} [version] another one after each change of the map
  * @property {number} [resolution] metres per pixel; absent without a picture
  * @property {Pose} [origin] of the picture's lower left corner
  * @property {boolean} [keepout] true if there is a picture of the keep-out areas
@@ -296,10 +297,10 @@ export const held = computed(() => {
 
 /** Scene, map and version that are shown; without a picture, those that the robot uses. */
 export const shownMap = computed(() => {
-  const { scene = "", name = "", version = 0, resolution } = map.value ?? {};
+  const { scene = "", name = "", version = "", resolution } = map.value ?? {};
   if (resolution) return { scene, map: name, version };
   const used = robot.value;
-  return { scene: used?.scene ?? "", map: used?.map ?? "", version: used?.version ?? 0 };
+  return { scene: used?.scene ?? "", map: used?.map ?? "", version: used?.version ?? "" };
 });
 
 /** True if what is shown of the robot may be out of date. */

@@ -87,7 +87,10 @@ export function Panel() {
   const name = visibleTabs().includes(store.tab.value) ? store.tab.value : "go";
   const size = isCompact ? store.sheet.value : "half";
   const full = size === "full";
-  const old = store.outdated.value && !["fleet", "simulator"].includes(name);
+  // the fleet tab tells the state of each link by itself, as long as it is updated
+  const isAlone =
+    name === "simulator" || (name === "fleet" && store.link.value?.state !== "failed");
+  const old = store.outdated.value && !isAlone;
   return html`<aside
     class="panel ${isCompact ? `over ${size}` : ""}"
     aria-label=${t("panel.name")}

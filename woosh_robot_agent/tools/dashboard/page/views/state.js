@@ -21,7 +21,7 @@ import { Plot } from "./plot.js";
 /** @typedef {[number, number | null, number | null, number | null, boolean | null]} Sample  Unix time in s, speed in
  *   m/s, battery in percent, delay in ms, true while the battery is charged */
 
-const MAX_SAMPLES = 900; // as many as the dashboard keeps
+const MAX_SAMPLES = 900; // half an hour, like the history of the dashboard
 const GAP = 10; // seconds between two samples beyond which samples are missing
 const TREND_TIME = 300; // seconds that the samples must span for a trend of the battery
 const UNSTEADY = 2; // factor between two paces of the battery beyond which its time left is not known

@@ -167,14 +167,15 @@ function targetOf(task) {
 }
 
 /**
- * Return true if a task went to a place of the map that is shown.
+ * Return true if a task went to a place of the map that is shown, and the map was not changed since.
  * @param {store.Task} task
  * @param {store.Target} target
  */
-function isHere({ scene, map }, { command, pose }) {
+function isHere({ scene, map, version }, { command, pose }) {
   const shown = store.shownMap.value;
   if (command === "charge") return true;
-  return map ? scene === shown.scene && map === shown.map : pose !== undefined;
+  if (!map) return pose !== undefined;
+  return scene === shown.scene && map === shown.map && version === shown.version;
 }
 
 /**
