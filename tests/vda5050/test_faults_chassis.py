@@ -224,11 +224,12 @@ async def test_a_task_of_which_only_pushes_tell_goes_on(
 ) -> None:
     shorten(tasks, monkeypatch)
     async with site.online() as master:
-        hide_tasks(site.chassis, pushes=False)
-        await site.drive(master, then=0.02)
+        show = hide_tasks(site.chassis, pushes=False)
+        await site.drive(master, then=0.3)
         for _ in range(20):
             await asyncio.sleep(0.1)
             site.chassis.call(lambda each: each.chassis.emit(each.chassis.tasks.reported))
+        show()
         set_speed(site.chassis, 20.0)
         ended = await master.reached("b")
         assert ended["errors"] == []
@@ -294,7 +295,7 @@ async def test_an_action_of_which_only_pushes_tell_goes_on(
         set_speed(site.chassis, 1.0)
         master.instant(action("step", "step", distance=1.0, speed=0.5))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
-        set_speed(site.chassis, 0.02)
+        set_speed(site.chassis, 0.3)
         report = Feedback(action=full_name(StepControl), state=ros_pack_pb2.kRosExecuting)
         for _ in range(20):
             await asyncio.sleep(0.1)
