@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -25,8 +27,11 @@ from tests.vda5050.master import (
     result_of,
     status_of,
 )
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.pb.ros import ros_pack_pb2
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
@@ -171,17 +176,29 @@ async def test_a_start_without_an_answer_is_found_out_and_not_repeated(site: Sit
     assert site.chassis.counts[EXEC] == 1
 
 
-def hide_tasks(chassis: SimulatorThread) -> Callable[[], None]:
-    """Let a chassis tell nothing of its tasks; return a function that ends this."""
+def hide_tasks(chassis: SimulatorThread, *, pushes: bool = True) -> Callable[[], None]:
+    """Let a chassis tell nothing of its tasks; return a function that ends this.
+
+    Args:
+        pushes: False if its pushes still tell of them.
+    """
 
     def without_tasks(frame: Outgoing) -> list[Outgoing]:
         if isinstance(frame.body, RobotInfo):
             frame.body.ClearField("task_proc")
-        elif isinstance(frame.body, TaskProc | TaskHistory):
-            return [replace(frame, body=type(frame.body)())] if frame.is_answer else []
+        elif isinstance(frame.body, TaskProc | TaskHistory) and frame.is_answer:
+            return [replace(frame, body=type(frame.body)())]
+        elif isinstance(frame.body, TaskProc) and pushes:
+            return []
         return [frame]
 
     return chassis.intercept(without_tasks)
+
+
+def shorten(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a module ask the robot often, and give up soon what the robot does not know."""
+    for name, seconds in (("_CHECK_EVERY", 0.3), ("_ASK_EVERY", 0.2), ("_REPORT_AFTER", 0.5)):
+        monkeypatch.setattr(module, name, seconds)
 
 
 @pytest.mark.parametrize("begun", [True, False])
@@ -200,6 +217,23 @@ async def test_a_task_that_the_robot_drops_without_a_report_is_an_error(
         assert nodes_left(state) == "b"
         assert "does not know the task" in str(state["errors"])
     assert site.chassis.counts[EXEC] == 1
+
+
+async def test_a_task_of_which_only_pushes_tell_goes_on(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(tasks, monkeypatch)
+    async with site.online() as master:
+        show = hide_tasks(site.chassis, pushes=False)
+        await site.drive(master, then=0.3)
+        for _ in range(20):
+            await asyncio.sleep(0.1)
+            site.chassis.call(lambda each: each.chassis.emit(each.chassis.tasks.reported))
+        show()
+        set_speed(site.chassis, 20.0)
+        ended = await master.reached("b")
+        assert ended["errors"] == []
+    assert site.chassis.counts[ORDER] == 0
 
 
 async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
@@ -221,14 +255,18 @@ async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
     assert site.chassis.counts[EXEC] == 1
 
 
-def hide_actions(chassis: SimulatorThread, answer: Feedbacks) -> None:
-    """Let a chassis push nothing of its actions, and answer all queries about them alike."""
+def hide_actions(chassis: SimulatorThread, answer: Feedbacks, *, pushes: bool = True) -> None:
+    """Let a chassis answer all queries about its actions alike, and push nothing of them.
+
+    Args:
+        answer: the answer.
+        pushes: False if its pushes still tell of them.
+    """
 
     def without_actions(frame: Outgoing) -> list[Outgoing]:
-        if isinstance(frame.body, Feedbacks):
-            frame.body.CopyFrom(answer)
-            return [frame] if frame.is_answer else []
-        return [frame]
+        if isinstance(frame.body, Feedbacks) and frame.is_answer:
+            return [replace(frame, body=answer)]
+        return [] if isinstance(frame.body, Feedbacks) and pushes else [frame]
 
     chassis.intercept(without_actions)
 
@@ -246,6 +284,25 @@ async def test_an_action_that_the_robot_drops_without_a_report_fails(
         hide_actions(site.chassis, Feedbacks())
         state = await master.status("step", "FAILED")
         assert "does not tell how it ended" in result_of(state, "step")
+
+
+async def test_an_action_of_which_only_pushes_tell_goes_on(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(calls, monkeypatch)
+    async with site.online() as master:
+        hide_actions(site.chassis, Feedbacks(), pushes=False)
+        set_speed(site.chassis, 1.0)
+        master.instant(action("step", "step", distance=1.0, speed=0.5))
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        set_speed(site.chassis, 0.3)
+        report = Feedback(action=full_name(StepControl), state=ros_pack_pb2.kRosExecuting)
+        for _ in range(20):
+            await asyncio.sleep(0.1)
+            site.chassis.call(lambda each: each.chassis.emit(Feedbacks(fbs=[report])))
+        assert status_of(master.state, "step") == "RUNNING"
+        set_speed(site.chassis, 20.0)
+        await master.status("step", "FINISHED")
 
 
 async def test_the_end_of_an_earlier_action_does_not_end_the_next_one(site: Site) -> None:

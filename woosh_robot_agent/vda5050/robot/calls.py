@@ -77,6 +77,7 @@ class _Call:
         accepted: True if the robot has accepted the start.
         reported: True if the robot has reported the action as executing or paused over the current
             link.
+        reported_at: loop time of the last such report, over any link; else minus infinity.
         cannot_pause: True if the robot could not pause the action, which does not move the base.
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
@@ -94,6 +95,7 @@ class _Call:
         self.report = report
         self.accepted = False
         self.reported = False
+        self.reported_at = -math.inf
         self.cannot_pause = False
         self.outcome_unknown = False
         self.is_leftover = False
@@ -284,6 +286,8 @@ class RobotCalls:
 
     def _handle_report(self, call: _Call, report: Feedback) -> None:
         """Update an action from a report."""
+        if report.state in (ros_pack_pb2.kRosExecuting, ros_pack_pb2.kRosPause):
+            call.reported_at = asyncio.get_running_loop().time()
         if report.state == ros_pack_pb2.kRosExecuting:
             if not (call.accepted or call.reported):
                 call.report(ActionStatus.RUNNING)
@@ -348,7 +352,8 @@ class RobotCalls:
 
     async def _ask(self, call: _Call) -> None:
         clock = asyncio.get_running_loop().time
-        name, deadline, is_known = full_name(call.command), math.inf, False
+        name, is_known = full_name(call.command), False
+        began, deadline = clock(), math.inf
 
         def take_answer(answer: Answer) -> None:
             nonlocal is_known
@@ -375,8 +380,9 @@ class RobotCalls:
                 if is_known:
                     return
                 if clock() > deadline:
-                    call.outcome_unknown = True
-                    call.end(_UNKNOWN())
+                    if call.reported_at < began:  # else only its pushes tell of the action
+                        call.outcome_unknown = True
+                        call.end(_UNKNOWN())
                     return
                 # an action that has just begun may not be in the answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)

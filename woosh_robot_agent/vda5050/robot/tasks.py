@@ -159,6 +159,8 @@ class TaskRunner:
         """Id of the last task that the robot did not know any more; 0 without one."""
         self.foreign_id = 0
         self.confirmed = False
+        self._reported_at = -math.inf
+        """Loop time of the last report on a current task."""
         self._controller = self._new_controller()
         link.chassis.subscribe(TaskProc, self._reported)
         link.chassis.on_snapshot(self._snapshot)
@@ -265,6 +267,7 @@ class TaskRunner:
 
     def _handle_report(self, report: TaskProc) -> None:
         """Update the current task from a report."""
+        self._reported_at = asyncio.get_running_loop().time()
         if not self.confirmed:
             self.confirmed = True
             self._controller.send_now()  # the robot may have refused a command before it began
@@ -302,7 +305,7 @@ class TaskRunner:
 
     async def _ask(self, task_id: int) -> None:
         clock = asyncio.get_running_loop().time
-        deadline = math.inf
+        began, deadline = clock(), math.inf
         while task_id == self.id:
             try:
                 await self._link.chassis.wait_ready(_ASK_EVERY)
@@ -316,7 +319,8 @@ class TaskRunner:
                 deadline = math.inf  # the robot has the full time again once it answers
             else:
                 if clock() > deadline:
-                    self._end(task_id, _UNKNOWN_TASK)
+                    if self._reported_at < began:  # else only its pushes tell of the task
+                        self._end(task_id, _UNKNOWN_TASK)
                     return
                 # a task that has just begun may be in neither answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)
