@@ -88,10 +88,10 @@ class Cancellation:
                         answer.reason,
                     )
                 self._on_refused()
-            if is_early:
+            if is_early:  # it may have had no effect
                 self.pending = True
                 if not self._has_begun():
-                    return
+                    return  # sent again with the first report
 
 
 _CHECK = "check the robot, and stop it with the `stop` service if necessary"
