@@ -236,7 +236,7 @@ class Sending(NamedTuple):
 
 
 class Traffic(NamedTuple):
-    """Amount of data that a connection has transferred.
+    """Amount of data that a connection has received, and has yet to send.
 
     Attributes:
         received: number of bytes received so far, those of an unfinished frame included.

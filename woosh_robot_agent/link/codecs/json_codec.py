@@ -91,9 +91,9 @@ digits. Python needs seconds to read millions of digits, and hours with some set
 def scalar_reader(field: Field) -> Callable[[Any], Any]:
     """Return the function that converts a JSON value to the value of a scalar field.
 
-    The function accepts every notation of a value. It returns None for the name of an enum value
-    that the schema does not have, and raises ValueError, TypeError or OverflowError for a value
-    that does not fit.
+    The function accepts the notations that `from_json` lists. It returns None for the name of an
+    enum value that the schema does not have. It raises ValueError, TypeError or OverflowError for
+    a value of another kind, but does not check the range of a number.
     """
     if field.enum_type is not None:
         numbers = {value.name: value.number for value in field.enum_type.values}
