@@ -173,6 +173,11 @@ _SLOW = {cls.DESCRIPTOR.full_name for cls in (pack.InitRobot, pack.BuildMap)}
 
 
 def _answers(seen: Observations) -> _Found:
+    """Yield the answer times of each type of request, a default for other types, and of InitRobot.
+
+    Types with times of their own in the profile `tr200` are unusual: they do not count for the
+    default.
+    """
     delays: dict[str, list[float]] = {}
     for each in seen.answers:
         if each.ok and each.request in message_types() and each.request not in _SLOW:
@@ -194,8 +199,14 @@ def _answers(seen: Observations) -> _Found:
         yield ("answers", "initialisation"), _interval(done)
 
 
+_MAX_PICTURE_GAP = 10.0
+"""Longer gaps between two pictures of a map in the making are pauses, in seconds."""
+
+
 def _mapping(seen: Observations) -> _Found:
-    periods = _gaps([t for t, _ in seen.pushed(pack.BuildMapData)], ignore_above=10.0)
+    """Yield the time between two pictures of a map in the making, and answer times of BuildMap."""
+    pictures = [t for t, _ in seen.pushed(pack.BuildMapData)]
+    periods = _gaps(pictures, ignore_above=_MAX_PICTURE_GAP)
     if len(periods) >= _MIN_SAMPLES:
         period = Learned(_round_to_ms(quantile(periods, 0.5)), len(periods))
         yield ("mapping", "picture_period"), period
