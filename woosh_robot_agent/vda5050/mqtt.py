@@ -330,9 +330,9 @@ class _Client(aiomqtt.Client):
 
 
 class ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
-    """Queue of received messages; drops a new message if too many of its topic wait already.
+    """Queue of received messages; drops a new one if those of its topic are too many or too large.
 
-    Each topic has its own limit, so that a flood of orders does not take the place of a pause.
+    Each topic has its own limits, so that a flood of orders does not take the place of a pause.
     """
 
     def __init__(self, maxsize: int = 0) -> None:
@@ -346,7 +346,8 @@ class ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
     def put_nowait(self, item: aiomqtt.Message) -> None:
         topic, length = item.topic.value, _length(item)
         size = self._sizes[topic]
-        if self._counts[topic] >= MAX_RECEIVED or (size and size + length > _MAX_RECEIVED_SIZE):
+        is_too_large = size > 0 and size + length > _MAX_RECEIVED_SIZE
+        if self._counts[topic] >= MAX_RECEIVED or is_too_large:
             self._log.warn(
                 topic,
                 f"messages on {topic} come faster than they can be handled, and some were dropped",

@@ -240,7 +240,7 @@ class RobotCalls:
             return await self._link.command(call.request(_CONTROLS[control]))
 
         def answered(control: Control, answer: Answer | None) -> None:
-            if answer is None:
+            if answer is None:  # none came: the controller sends the command again if needed
                 return
             if control is Control.CANCEL:
                 self._ask_about(call)  # so that its end is known even if no report tells it

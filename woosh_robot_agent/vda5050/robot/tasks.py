@@ -186,7 +186,7 @@ class TaskRunner:
         """Make a task that was started before a restart of the program the current task.
 
         Args:
-            task_id: id of the task; 0 if its start was not sent.
+            task_id: id of the task; 0 if its start was not sent: then `on_end` is called at once.
             info: the first report of the robot.
         """
         self._set_current(task_id)
