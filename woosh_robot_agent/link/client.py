@@ -123,7 +123,7 @@ class ChassisClient:
         return {**sizes, "pushes": self._subscriptions.queued}
 
     def traffic(self) -> Traffic:
-        """Return how much the current connection has transferred; zeros without a connection."""
+        """Return the amount of data of the current connection; zeros without a connection."""
         return Traffic() if self._connection is None else self._connection.traffic()
 
     # Starting and closing

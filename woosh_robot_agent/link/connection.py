@@ -430,7 +430,7 @@ class Connection:
             self._transport.abort()
 
     def traffic(self) -> Traffic:
-        """Return how much the connection has transferred."""
+        """Return the amount of data of the connection."""
         return Traffic(self._transport.received, self._transport.backlog())
 
     def debug(self) -> dict[str, int]:

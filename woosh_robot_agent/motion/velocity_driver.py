@@ -329,7 +329,7 @@ class VelocityDriver:
             self._log.warn("request", f"{self._name} was not sent or not answered: {error}")
 
     def _silence(self, reason: str) -> None:
-        """Refuse velocities until their sender pauses or sends a zero."""
+        """Drop the velocity that waits; refuse others until their sender pauses or sends a zero."""
         self._silenced = reason
         self._waiting = None
         self._driving = False

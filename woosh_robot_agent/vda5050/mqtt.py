@@ -123,6 +123,9 @@ class MqttConnection:
         last_will: returns the message that the broker publishes when the connection breaks.
         handlers: functions by topic, called with the payload of each message and its retain flag.
         on_connected: called after each connection, once messages can be published.
+
+    Attributes:
+        connected: True while messages can be published.
     """
 
     def __init__(
@@ -141,7 +144,6 @@ class MqttConnection:
         self._log = LogOnce(_LOG)
         self._outbox: asyncio.Queue[Publication] = asyncio.Queue()
         self.connected = False
-        """True while messages can be published."""
         self._connected_at = math.inf
         """Loop time at which the connection of the last attempt began; infinite without one."""
         self._awake_at = math.inf
@@ -253,7 +255,7 @@ class MqttConnection:
         connection are of any age: a drive that they order may not be wanted any more.
 
         Raises:
-            MqttError: it stood still since the last check, or since the one that failed.
+            MqttError: it stood still before this check, or before an earlier one.
         """
         now = _boot_time()
         if now - self._awake_at > 1.5 * self._broker.keepalive:

@@ -422,7 +422,7 @@ class Odometry:
 
         Args:
             arc: movement since the last report.
-            interval: time since the last report, in seconds.
+            interval: time since the last report, at most `_MAX_INTERVAL`, in seconds.
         """
         seconds = max(interval, _MIN_INTERVAL)
         forward, turn = arc.forward / seconds, arc.turn / seconds

@@ -473,7 +473,7 @@ class Tasks:
         self._push(report)
 
     def _push(self, report: robot_pb2.TaskProc) -> None:
-        """Push a report. It replaces a withheld one of the same state, and follows another one."""
+        """Push a report. A withheld one of the same state is dropped, any other is pushed first."""
         if self._withheld and report.state != self.reported.state:
             self._robot.emit(self.reported)
         self._withheld = False

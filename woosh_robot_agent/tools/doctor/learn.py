@@ -97,6 +97,7 @@ _MAX_SIZE = 100_000
 
 
 def _model(seen: Observations) -> _Found:
+    """Yield names, sizes and outline of the robot's model, from the last General and Model."""
     general, count = seen.latest(General)
     if general:
         texts = {"display_model": general.display_model, "urdf_name": general.urdf_name}
@@ -293,6 +294,7 @@ def _scan_period(seen: Observations) -> Learned | None:
 
 
 def _laser(seen: Observations) -> _Found:
+    """Yield the geometry of the laser, from the last scan."""
     scan, count = seen.latest(ScannerData)
     if scan is None:
         return
@@ -338,7 +340,11 @@ def _start_delays(seen: Observations) -> _Found:
         sent_at = velocity.t - velocity.delay
         is_after_pause = sent_at - last_sent_at > _MAX_START
         last_sent_at = sent_at
-        if is_after_pause and not any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses):
+        if not is_after_pause:
+            continue
+        # a moving robot pushes its pose often
+        was_standing = not any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses)
+        if was_standing:
             delay = next((t - sent_at for t, _ in poses if t > sent_at), math.inf)
             if delay <= _MAX_START:
                 start_delays.append(delay)

@@ -1,6 +1,7 @@
 """The commands of `maps`, with a progress bar if stderr is a terminal.
 
-A request that the robot refuses, or does not answer, raises `MapsError`.
+Everything here raises `MapsError` if the robot refuses a request, does not answer it, or does not
+have what is named.
 """
 
 from __future__ import annotations

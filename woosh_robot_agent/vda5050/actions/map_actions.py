@@ -124,6 +124,7 @@ async def fetch(url: str, expected_hash: str = "", max_duration: float = _MAX_DU
 
 
 def _check_hash(url: str, data: bytearray, expected: str) -> None:
+    """Raise ActionFailedError if data do not have a hash, whose length tells the algorithm."""
     algorithm = next(name for name, size in _HASHES.items() if size == len(expected))
     found = hashlib.new(algorithm, data, usedforsecurity=False).hexdigest()
     if found != expected.lower():

@@ -347,7 +347,10 @@ class RobotCalls:
                 self._ask_about(call)
 
     def _ask_about(self, call: _Call) -> None:
-        """Ask the robot about an action until its state is known or the link is lost."""
+        """Ask the robot about an action until its state is known or the link is lost.
+
+        End the action if the robot answers for `_REPORT_AFTER`, but knows nothing of it.
+        """
         self._link.background.start_once(lambda: self._ask(call), call)
 
     async def _ask(self, call: _Call) -> None:
