@@ -172,8 +172,8 @@ def from_json(data: object, message: Message) -> None:
     """Fill `message` from a JSON object.
 
     Accepts camelCase and snake_case names, enum names and numbers, 64-bit integers as strings
-    and numbers, booleans as 0 and 1, NaN and infinities as numbers and strings. Skips unknown
-    fields, unknown enum names and null. In a list, these names and null become NaN among
+    and numbers, booleans also as 0, 1 and strings, NaN and infinities as numbers and strings. Skips
+    unknown fields, unknown enum names and null. In a list, these names and null become NaN among
     floating-point numbers and the default elsewhere, so that the other items keep their places.
 
     Raises:
