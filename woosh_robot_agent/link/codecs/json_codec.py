@@ -165,7 +165,8 @@ def _read_bytes(value: Any) -> bytes:
 
 
 Setter = Callable[[Any, Any], None]
-"""Puts a JSON value into a message, or appends it to a list."""
+"""Puts a JSON value into a message, or appends it to a list; raises a FieldError or one of
+`BAD_VALUE`."""
 
 
 def from_json(data: object, message: Message) -> None:
