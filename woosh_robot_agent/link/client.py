@@ -123,7 +123,7 @@ class ChassisClient:
         return {**sizes, "pushes": self._subscriptions.queued}
 
     def traffic(self) -> Traffic:
-        """Return how much the current connection has transferred; zeros without a connection."""
+        """Return the amount of data of the current connection; zeros without a connection."""
         return Traffic() if self._connection is None else self._connection.traffic()
 
     # Starting and closing
@@ -232,13 +232,15 @@ class ChassisClient:
     def reserve(
         self, which: Callable[[Message], bool]
     ) -> Callable[[Message, Sending], Coroutine[Any, Any, Answer]]:
-        """Reserve some requests for the caller: `request` and `send` refuse them from now on.
+        """Let only the caller send some requests, so that nothing bypasses its rules for them.
+
+        From now on, `request` and `send` raise a RuntimeError for these requests.
 
         Args:
             which: selects the requests.
 
         Returns:
-            A function that sends them, and takes the arguments of `send`.
+            A function that sends requests as `send` does, these included.
 
         Raises:
             RuntimeError: requests of this client are reserved already.

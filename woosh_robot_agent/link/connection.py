@@ -236,7 +236,7 @@ class Sending(NamedTuple):
 
 
 class Traffic(NamedTuple):
-    """Amount of data that a connection has transferred.
+    """Amount of data that a connection has received, and has yet to send.
 
     Attributes:
         received: number of bytes received so far, those of an unfinished frame included.
@@ -430,7 +430,7 @@ class Connection:
             self._transport.abort()
 
     def traffic(self) -> Traffic:
-        """Return how much the connection has transferred."""
+        """Return the amount of data of the connection."""
         return Traffic(self._transport.received, self._transport.backlog())
 
     def debug(self) -> dict[str, int]:

@@ -285,7 +285,11 @@ def _check_info(answer: Answer, log: LogOnce) -> None:
 async def _request_info(
     connection: Connection, tap: Callable[[Answer], None], config: LinkConfig
 ) -> Answer:
-    """Request RobotInfo, and again while no answer comes, since a single frame may be lost."""
+    """Request RobotInfo, and again while no answer comes, since a single frame may be lost.
+
+    Raises:
+        LinkError: no answer came within `handshake_timeout`, or the connection has ended.
+    """
     remaining = config.handshake_timeout
     message = RobotInfo(robot_id=config.robot_id or None)
     requests: set[asyncio.Task[Answer]] = set()

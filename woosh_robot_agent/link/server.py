@@ -91,9 +91,9 @@ class Listener:
                 abort_transport(connection.transport)
 
     async def close(self) -> None:
-        """Stop listening, and end HTTP connections and WebSockets, each within about a second.
+        """Stop listening, and end HTTP connections and WebSockets; TCP connections stay open.
 
-        Returns after three seconds at most. TCP connections are not ended.
+        Their handlers first get about a second to return. This returns after three seconds at most.
         """
         self._server.close()
         with contextlib.suppress(TimeoutError):

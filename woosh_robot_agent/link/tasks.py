@@ -63,7 +63,13 @@ async def cancel_and_wait(*tasks: asyncio.Future[Any]) -> None:
 async def close_or_abort(
     closing: Coroutine[Any, Any, object], abort: Callable[[], None], timeout: float
 ) -> None:
-    """Close a connection in an orderly way within `timeout` seconds, then call `abort`."""
+    """Close a connection in an orderly way; abort it if that takes longer than `timeout` seconds.
+
+    Args:
+        closing: closes the connection.
+        abort: drops the connection; also called after an orderly close, where it has no effect.
+        timeout: maximum duration of the orderly close, in seconds.
+    """
     task = asyncio.ensure_future(closing)
     try:
         await asyncio.wait({task}, timeout=timeout)

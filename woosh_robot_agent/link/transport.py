@@ -85,7 +85,10 @@ class Transport(FrameConnection, Protocol):
 
     @property
     def received(self) -> int:
-        """Number of bytes received so far, including the bytes of an unfinished frame."""
+        """Number of bytes received so far, including the bytes of an unfinished frame.
+
+        Over TCP, the sizes before the frames are not counted.
+        """
 
     @property
     def waited(self) -> bool:
@@ -168,7 +171,8 @@ class TcpTransport:
     Args:
         reader: the connection's stream reader.
         writer: the connection's stream writer.
-        max_size: largest frame that is read, in bytes; larger ones are skipped.
+        max_size: largest frame that is read, in bytes. For a larger one, `recv` skips the frame and
+            raises a FrameError; one of more than 2 GiB ends the connection.
     """
 
     def __init__(
@@ -183,7 +187,7 @@ class TcpTransport:
         self._bytes_since_progress = 0
         """Number of bytes of the current frame that arrived after `progress_at`."""
         self.received = 0
-        self.waited = False  # not known over TCP
+        self.waited = False  # always: it is not known over TCP
 
     def backlog(self) -> int:
         return self._writer.transport.get_write_buffer_size()

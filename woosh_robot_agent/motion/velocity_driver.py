@@ -253,7 +253,14 @@ class VelocityDriver:
             self.drive(0.0, 0.0, 0.0)
 
     def log_refusal(self, kind: str, reason: str) -> None:
-        """Log or tell why a velocity is refused; reasons of one kind are logged once."""
+        """Log why a velocity is refused, or pass the reason to `on_refused` if that is set.
+
+        Reasons of one kind are logged once, until a velocity is accepted again.
+
+        Args:
+            kind: kind of the reason, any text.
+            reason: the reason.
+        """
         if self._on_refused is not None:
             self._on_refused(reason)
             return
@@ -322,7 +329,7 @@ class VelocityDriver:
             self._log.warn("request", f"{self._name} was not sent or not answered: {error}")
 
     def _silence(self, reason: str) -> None:
-        """Refuse velocities until their sender pauses or sends a zero."""
+        """Drop the velocity that waits; refuse others until their sender pauses or sends a zero."""
         self._silenced = reason
         self._waiting = None
         self._driving = False

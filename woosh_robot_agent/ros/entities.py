@@ -134,7 +134,7 @@ class Watched:
 def _takes_info(callback: Callable[..., Any]) -> bool:
     """Return True if a subscription's callback takes a message and the information about it."""
     try:
-        inspect.signature(callback).bind(None)
+        inspect.signature(callback).bind(None)  # fails if one argument, the message, is too few
     except TypeError:
         return True
     except ValueError:  # a function of a C library, without a signature

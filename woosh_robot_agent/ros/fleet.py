@@ -104,7 +104,16 @@ def namespaces(names: Sequence[str], own: str) -> dict[str, str]:
 
 
 def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list[ParameterNode]:
-    """Create a node for each robot, with its parameters and nothing else; at least one."""
+    """Create a node for each robot, which has only its parameters at first.
+
+    Args:
+        options: rclpy's options of the nodes.
+        stopping: returns True once the program has to end. From then on, no node is created,
+            except the first one.
+
+    Raises:
+        ValueError: there are too many robots, or a parameter is invalid.
+    """
     first = ParameterNode(**options)
     robots = first.settings.robots
     if not robots:
@@ -145,7 +154,11 @@ def _create_node(name: str, namespace: str, options: dict[str, Any]) -> Paramete
 
 
 def _check_compatible(nodes: Sequence[ParameterNode]) -> None:
-    """Check parameters that are valid for each robot alone but not together in one process."""
+    """Check parameters that are valid for each robot alone but not together in one process.
+
+    Raises:
+        ValueError: two robots connect to the same chassis.
+    """
     for one, other in _duplicates(
         nodes, lambda s: (s.link.ip, s.link.effective_port, s.link.robot_id)
     ):

@@ -345,7 +345,12 @@ class Agent:
 
 
 def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
-    """Close several agents at once, like `Agent.close`, but without destroying the nodes."""
+    """Close several agents at once, like `Agent.close`, but without destroying the nodes.
+
+    Args:
+        agents: the agents.
+        spin_once: runs one turn of the executor of all agents, as in `Agent.close`.
+    """
     for agent in agents:
         agent.begin_close()
     stopped = [agent._stopped for agent in agents if agent._stopped is not None]

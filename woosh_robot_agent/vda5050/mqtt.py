@@ -123,6 +123,9 @@ class MqttConnection:
         last_will: returns the message that the broker publishes when the connection breaks.
         handlers: functions by topic, called with the payload of each message and its retain flag.
         on_connected: called after each connection, once messages can be published.
+
+    Attributes:
+        connected: True while messages can be published.
     """
 
     def __init__(
@@ -141,7 +144,6 @@ class MqttConnection:
         self._log = LogOnce(_LOG)
         self._outbox: asyncio.Queue[Publication] = asyncio.Queue()
         self.connected = False
-        """True while messages can be published."""
         self._connected_at = math.inf
         """Loop time at which the connection of the last attempt began; infinite without one."""
         self._awake_at = math.inf
@@ -253,7 +255,7 @@ class MqttConnection:
         connection are of any age: a drive that they order may not be wanted any more.
 
         Raises:
-            MqttError: it stood still since the last check, or since the one that failed.
+            MqttError: it stood still before this check, or before an earlier one.
         """
         now = _boot_time()
         if now - self._awake_at > 1.5 * self._broker.keepalive:
@@ -330,9 +332,9 @@ class _Client(aiomqtt.Client):
 
 
 class ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
-    """Queue of received messages; drops a new message if too many of its topic wait already.
+    """Queue of received messages; drops a new one if those of its topic are too many or too large.
 
-    Each topic has its own limit, so that a flood of orders does not take the place of a pause.
+    Each topic has its own limits, so that a flood of orders does not take the place of a pause.
     """
 
     def __init__(self, maxsize: int = 0) -> None:
@@ -346,7 +348,8 @@ class ReceiveQueue(asyncio.Queue[aiomqtt.Message]):
     def put_nowait(self, item: aiomqtt.Message) -> None:
         topic, length = item.topic.value, _length(item)
         size = self._sizes[topic]
-        if self._counts[topic] >= MAX_RECEIVED or (size and size + length > _MAX_RECEIVED_SIZE):
+        is_too_large = size > 0 and size + length > _MAX_RECEIVED_SIZE
+        if self._counts[topic] >= MAX_RECEIVED or is_too_large:
             self._log.warn(
                 topic,
                 f"messages on {topic} come faster than they can be handled, and some were dropped",

@@ -74,6 +74,9 @@ def _sections(name: str, content: Any) -> Iterator[tuple[str, Mapping[str, Any]]
     Args:
         name: name of the node or namespace that has the content; empty for the whole file.
         content: a mapping; names of nodes in it may be nested or contain slashes and wildcards.
+
+    Raises:
+        ValueError: the content is not that of a parameter file.
     """
     if not isinstance(content, dict):
         raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")

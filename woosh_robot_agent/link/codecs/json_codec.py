@@ -91,9 +91,9 @@ digits. Python needs seconds to read millions of digits, and hours with some set
 def scalar_reader(field: Field) -> Callable[[Any], Any]:
     """Return the function that converts a JSON value to the value of a scalar field.
 
-    The function accepts every notation of a value. It returns None for the name of an enum value
-    that the schema does not have, and raises ValueError, TypeError or OverflowError for a value
-    that does not fit.
+    The function accepts the notations that `from_json` lists. It returns None for the name of an
+    enum value that the schema does not have. It raises ValueError, TypeError or OverflowError for
+    a value of another kind, but does not check the range of a number.
     """
     if field.enum_type is not None:
         numbers = {value.name: value.number for value in field.enum_type.values}
@@ -165,15 +165,16 @@ def _read_bytes(value: Any) -> bytes:
 
 
 Setter = Callable[[Any, Any], None]
-"""Puts a JSON value into a message, or appends it to a list."""
+"""Puts a JSON value into a message, or appends it to a list; raises a FieldError or one of
+`BAD_VALUE`."""
 
 
 def from_json(data: object, message: Message) -> None:
     """Fill `message` from a JSON object.
 
     Accepts camelCase and snake_case names, enum names and numbers, 64-bit integers as strings
-    and numbers, booleans as 0 and 1, NaN and infinities as numbers and strings. Skips unknown
-    fields, unknown enum names and null. In a list, these names and null become NaN among
+    and numbers, booleans also as 0, 1 and strings, NaN and infinities as numbers and strings. Skips
+    unknown fields, unknown enum names and null. In a list, these names and null become NaN among
     floating-point numbers and the default elsewhere, so that the other items keep their places.
 
     Raises:

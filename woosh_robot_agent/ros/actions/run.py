@@ -231,7 +231,11 @@ class GoalRun:
             return self._aborted(text, Cause.REFUSAL)
 
     async def _send_order(self, order: Order) -> End:
-        """Send an order. Reports still belong to the goal that is already running."""
+        """Send an order. Reports still belong to the goal that is already running.
+
+        Raises:
+            _RefusedError: the chassis refused the order.
+        """
         self._advance(Step.ORDER_SENT)
         try:
             answer = await self._context.gate.request(order.message, sender=self._sender)

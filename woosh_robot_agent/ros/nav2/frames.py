@@ -139,7 +139,7 @@ class Frames:
         from_pose(stamped.pose)  # the transform may have made it too large
 
     async def _find(self, frame: str) -> Transform:
-        """Return the pose of a frame in the map; wait for transforms on /tf.
+        """Return the pose of a frame in the map; wait up to `_WAIT` for transforms on /tf.
 
         Raises:
             ValueError: there is no transform of the frame.
@@ -229,7 +229,7 @@ class Frames:
             try:
                 transform = _transform(each.transform.translation, each.transform.rotation)
             except ValueError:
-                continue  # as tf2 does; poses in this frame are rejected
+                continue  # as tf2 does: the last valid one stays
             parent = each.header.frame_id.lstrip("/")
             self._edges[each.child_frame_id.lstrip("/")] = _Edge(parent, transform, received)
         self._changed.set()

@@ -65,7 +65,7 @@ class Status:
 
         Args:
             prefix: prefix of the name, which tells robots apart.
-            hardware_id: serial number or id of the robot.
+            hardware_id: id of the robot, or its serial number without an id; empty if unknown.
         """
         return DiagnosticStatus(
             level=self.level,

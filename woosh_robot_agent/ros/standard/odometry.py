@@ -416,7 +416,14 @@ class Odometry:
         )
 
     def _mean_speeds(self, arc: Arc, interval: float) -> tuple[float, float]:
-        """Return the mean forward and angular speed since the last report; zeros if impossible."""
+        """Return the mean forward and angular speed since the last report, in m/s and rad/s.
+
+        Return zeros if the reports cannot be compared, or no robot is that fast.
+
+        Args:
+            arc: movement since the last report.
+            interval: time since the last report, at most `_MAX_INTERVAL`, in seconds.
+        """
         seconds = max(interval, _MIN_INTERVAL)
         forward, turn = arc.forward / seconds, arc.turn / seconds
         if not self._is_comparable or abs(forward) > _MAX_SPEED or abs(turn) > _MAX_TURN:

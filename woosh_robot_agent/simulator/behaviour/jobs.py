@@ -267,7 +267,10 @@ class Steps(Job):
         return Progress(done=True, text=f"{self._count} of {self._count} steps done")
 
     def _clear_ahead(self, robot: Robot) -> bool:
-        """Return True if no obstacle is in the way of the current step. A turn needs no way."""
+        """Return True if no obstacle is in the way of the current step.
+
+        Return True also for a turn, which needs no way, and for a step that has not started.
+        """
         step = self._steps[0] if self._steps else None
         if not isinstance(step, Shift) or self._start is None:
             return True

@@ -266,8 +266,9 @@ class Tasks:
         """Start the next task of the set, if there is one.
 
         Args:
-            at_once: True to show the new state of the robot at once, False to show it with the
-                answer to the current request.
+            at_once: True if no request waits for its answer. False to begin with the answer to the
+                current request; only the new state of the robot may be shown before it, see
+                `Robot.state_first`.
         """
         if not self._rest_of_set:
             return
@@ -401,12 +402,17 @@ class Tasks:
         self._jobs[0].suspend(self._robot)
 
     def _end(self, state: util_task_pb2.State, reason: str) -> None:
-        """End the task with one of the states in `_END_ACTION_STATES`, and report it."""
+        """End the task and report it; after a completed one, go on with the next of its set.
+
+        Args:
+            state: one of the states in `_END_ACTION_STATES`.
+            reason: text of the report.
+        """
         action_state = _END_ACTION_STATES[state]
         self._stop_working()
         self._canceling = False
         if state == util_task_pb2.kCanceled and self._profile.report_last_action:
-            # A task that is cancelled before its first report is reported as executed until then.
+            # The state before the end; a task without any report counts as executing.
             was_reported = self.reported.robot_task_id == self.proc.robot_task_id
             shown = self.reported.state if was_reported else util_task_pb2.kExecuting
             self._report(shown, action_state)
@@ -415,7 +421,7 @@ class Tasks:
         self.history.append(self.reported)
         self._robot.statistics.task_ended(state)
         empty_report = self._profile.empty_report
-        if empty_report is None:
+        if empty_report is None:  # the last report stays
             self.state = _NO_STATE
             if state == util_task_pb2.kCompleted:
                 self._start_next(at_once=True)
@@ -467,7 +473,7 @@ class Tasks:
         self._push(report)
 
     def _push(self, report: robot_pb2.TaskProc) -> None:
-        """Push a report. It replaces a withheld one of the same state, and follows another one."""
+        """Push a report. A withheld one of the same state is dropped, any other is pushed first."""
         if self._withheld and report.state != self.reported.state:
             self._robot.emit(self.reported)
         self._withheld = False

@@ -222,13 +222,15 @@ def fault(
     shared: bool = False,
     check: Callable[[Mapping[str, Any]], None] | None = None,
 ) -> Callable[[Begin], Begin]:
-    """Add a fault to `FAULTS`, with the name of the decorated function, which begins it.
+    """Return a decorator that adds a fault to `FAULTS`; the decorated function begins the fault.
 
-    The arguments are those of `Fault`.
+    The fault has the name of the function without the underscore at its start. The arguments are
+    those of `Fault`.
     """
 
     def add(begin: Begin) -> Begin:
-        name = begin.__name__.strip("_")
+        name = begin.__name__.removeprefix("_")
+        # a text with a key, which a page can show in another language
         said = Sentence(description)()
         FAULTS[name] = Fault(name, said, begin, own_arguments, lasting, shared, check)
         return begin

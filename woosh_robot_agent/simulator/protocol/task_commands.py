@@ -231,7 +231,11 @@ def _delete(chassis: Chassis, request: RepeatTask) -> None:
 
 
 def _exec(chassis: Chassis, request: RepeatTask) -> None:
-    """Run the tasks in the request; without tasks, run the predefined set with the given id."""
+    """Run the tasks in the request; without tasks, run the predefined set with the given id.
+
+    They run `times` times. If `times` is 0, the tasks in the request run once, and the predefined
+    set as often as it says.
+    """
     chassis.readiness.require_ready()
     times = _checked_times(request.times)
     if request.task_set.tasks:

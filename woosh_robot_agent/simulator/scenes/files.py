@@ -153,7 +153,11 @@ _load_shipped = lru_cache(load_scene)
 
 
 def _load(path: Path) -> Scene:
-    """Return a new scene. All robots share the shipped maps: planners are computed once per map."""
+    """Return a new scene. All robots share the shipped maps: planners are computed once per map.
+
+    Raises:
+        DataFileError: the scene cannot be used; the text has the path of the scene or file.
+    """
     try:
         scene = _load_shipped(path) if path in _SHIPPED else load_scene(path)
     except DataFileError as error:  # it names a file in the folder, as other scenes may have

@@ -283,7 +283,11 @@ def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
 
 
 def _map(entry: MapEntry, id_: int, read: FileReader) -> Map:
-    """Return the map that an entry describes, with the id `id_`; `read` reads its image."""
+    """Return the map that an entry describes, with the id `id_`; `read` reads its image.
+
+    Raises:
+        DataFileError: the walls, the marks, the image or the size of the map cannot be used.
+    """
     walls = tuple(_walls(entry))
     if len(walls) > _MAX_WALLS:  # a polyline has several walls
         text = f"{len(walls)} walls are more than {_MAX_WALLS}"

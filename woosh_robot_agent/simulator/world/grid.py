@@ -238,10 +238,16 @@ class Grid:
         return (x - self.low[0]) / self.resolution, (y - self.low[1]) / self.resolution
 
     def _interpolated(self, field: npt.NDArray[np.float32], points: Floats) -> Floats:
-        """Return the distance in metres at each point, from a field with a distance per cell."""
-        places = (points - self.low) / self.resolution - 0.5
+        """Return the distance at each point, in metres, interpolated between the nearest cells.
+
+        Args:
+            field: `_to_occupied` or `_to_not_free`.
+            points: rows of x and y, in metres.
+        """
+        # Cell 0 has its centre half a cell from the corner `low`.
+        columns, rows = ((points - self.low) / self.resolution - 0.5).T
         distances = ndimage.map_coordinates(
-            field, places[:, ::-1].T, output=np.float64, order=1, mode="nearest"
+            field, np.stack((rows, columns)), output=np.float64, order=1, mode="nearest"
         )
         # The field gives distances to the centres of cells; subtract the half cell to the border.
         return np.maximum(0.0, (distances - 0.5) * self.resolution)

@@ -106,7 +106,22 @@ def _truth(args: Args, name: str) -> bool:
     return value
 
 
+# The stubs of protobuf do not take the number that `_choice` returns for an enum, so the commands
+# pass the name of the value.
+
+
 def _choice(args: Args, name: str, choices: Mapping[str, int], default: str | None = None) -> int:
+    """Return the number of the choice that an argument names.
+
+    Args:
+        args: the arguments.
+        name: name of the argument.
+        choices: number of each choice.
+        default: choice if the argument is missing; None if it must not be missing.
+
+    Raises:
+        CommandError: the argument is missing, or not a choice.
+    """
     value = args.get(name, default)
     if not isinstance(value, str) or value not in choices:
         raise _invalid(_NO_CHOICE(name=name, choices=", ".join(choices)))

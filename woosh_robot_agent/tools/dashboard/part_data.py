@@ -103,7 +103,7 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "actions": [_action(view, name) for name in sorted(view.actions)],
         "problems": [code_data(each) for each in info.abnormal_codes.scs[:_MAX_CODES]],
         "sound": _sound(info),
-        "light": info.HasField("hardware_state"),
+        "light": info.HasField("hardware_state"),  # such a robot is taken to have a light
     }
 
 

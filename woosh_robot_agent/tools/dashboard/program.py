@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page until SIGINT or SIGTERM.
 
     Args:
-        arguments: Arguments of the program; by default from the command line.
+        arguments: arguments of the program; by default from the command line.
 
     Returns:
         The exit status: 0; 1 if the page cannot be served.

@@ -97,6 +97,7 @@ _MAX_SIZE = 100_000
 
 
 def _model(seen: Observations) -> _Found:
+    """Yield names, sizes and outline of the robot's model, from the last General and Model."""
     general, count = seen.latest(General)
     if general:
         texts = {"display_model": general.display_model, "urdf_name": general.urdf_name}
@@ -173,6 +174,11 @@ _SLOW = {cls.DESCRIPTOR.full_name for cls in (pack.InitRobot, pack.BuildMap)}
 
 
 def _answers(seen: Observations) -> _Found:
+    """Yield the answer times of each type of request, a default for other types, and of InitRobot.
+
+    Types with times of their own in the profile `tr200` are unusual: they do not count for the
+    default.
+    """
     delays: dict[str, list[float]] = {}
     for each in seen.answers:
         if each.ok and each.request in message_types() and each.request not in _SLOW:
@@ -194,8 +200,14 @@ def _answers(seen: Observations) -> _Found:
         yield ("answers", "initialisation"), _interval(done)
 
 
+_MAX_PICTURE_GAP = 10.0
+"""Longer gaps between two pictures of a map in the making are pauses, in seconds."""
+
+
 def _mapping(seen: Observations) -> _Found:
-    periods = _gaps([t for t, _ in seen.pushed(pack.BuildMapData)], ignore_above=10.0)
+    """Yield the time between two pictures of a map in the making, and answer times of BuildMap."""
+    pictures = [t for t, _ in seen.pushed(pack.BuildMapData)]
+    periods = _gaps(pictures, ignore_above=_MAX_PICTURE_GAP)
     if len(periods) >= _MIN_SAMPLES:
         period = Learned(_round_to_ms(quantile(periods, 0.5)), len(periods))
         yield ("mapping", "picture_period"), period
@@ -282,6 +294,7 @@ def _scan_period(seen: Observations) -> Learned | None:
 
 
 def _laser(seen: Observations) -> _Found:
+    """Yield the geometry of the laser, from the last scan."""
     scan, count = seen.latest(ScannerData)
     if scan is None:
         return
@@ -327,7 +340,11 @@ def _start_delays(seen: Observations) -> _Found:
         sent_at = velocity.t - velocity.delay
         is_after_pause = sent_at - last_sent_at > _MAX_START
         last_sent_at = sent_at
-        if is_after_pause and not any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses):
+        if not is_after_pause:
+            continue
+        # a moving robot pushes its pose often
+        was_standing = not any(0.0 <= sent_at - t <= _MAX_GAP_MOVING for t, _ in poses)
+        if was_standing:
             delay = next((t - sent_at for t, _ in poses if t > sent_at), math.inf)
             if delay <= _MAX_START:
                 start_delays.append(delay)

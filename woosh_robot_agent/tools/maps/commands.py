@@ -1,6 +1,7 @@
 """The commands of `maps`, with a progress bar if stderr is a terminal.
 
-A request that the robot refuses, or does not answer, raises `MapsError`.
+Everything here raises `MapsError` if the robot refuses a request, does not answer it, or does not
+have what is named.
 """
 
 from __future__ import annotations
@@ -72,7 +73,11 @@ class MapLibrary:
         return await self.query(pack.SceneData(name=scene), pack.SceneData)
 
     async def download(self, scene: str) -> dict[str, bytes]:
-        """Return the contents of a scene's files, by the robot's names for them."""
+        """Return the contents of a scene's files, by the robot's names for them.
+
+        Raises:
+            MapsError: the robot refused, did not answer, or sent no files or two of one name.
+        """
         answer = await self.query(pack.Download(scene_name=scene), pack.DownloadResponse)
         files = {file.name: file.data for file in answer.file_datas}
         if len(files) < len(answer.file_datas):

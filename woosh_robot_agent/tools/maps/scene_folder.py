@@ -124,7 +124,11 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
 
 
 def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
-    """Return the marks of the file `name`; for an entry that was not edited, that of `old`."""
+    """Return the marks of the file `name`; for an entry that was not edited, that of `old`.
+
+    Raises:
+        DataFileError: an entry cannot be used; the text has its place.
+    """
     old_by_number = {storage.identity.no: storage for storage in old}
     storages: list[Storage] = []
     changed: list[Storage] = []
@@ -237,7 +241,11 @@ class _MarksFile:
 
 
 def _storage(entry: _MarkEntry) -> Storage:
-    """Return the mark that an entry of a file of marks describes."""
+    """Return the mark that an entry of a file of marks describes.
+
+    Raises:
+        DataFileError: the details of the entry do not fit a mark of its type.
+    """
     storage = Storage()
     if entry.details:
         _parse_into(f"{entry.where}.details", entry.details, storage)
@@ -267,7 +275,11 @@ def _other_marks(info: MarkInfo) -> dict[str, Any]:
 
 
 def _parse_into(where: str, value: Any, message: Any) -> None:
-    """Add fields, as JSON, to a message; `where` is their place in the file, for errors."""
+    """Add fields, as JSON, to a message; `where` is their place in the file, for errors.
+
+    Raises:
+        DataFileError: the message has no such fields.
+    """
     try:
         ParseDict(value, message)
     except (ParseError, TypeError, ValueError, AttributeError) as error:

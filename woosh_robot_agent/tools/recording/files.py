@@ -299,7 +299,11 @@ class RecordingFiles:
             self._apply_limits(log_time, size)
 
     def _exceeded_limit(self, size: int) -> str:
-        """Return the limit that the current file would exceed with this size; empty for none."""
+        """Return the limit that would be exceeded if the current file had a size, in bytes.
+
+        Returns:
+            "max_size" for the limit of all files together, "split_size", or empty for none.
+        """
         if self._closed_size + size > self._limits.max_size:
             return "max_size"
         split = self._limits.split_size

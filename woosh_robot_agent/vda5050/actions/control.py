@@ -106,13 +106,14 @@ async def cancel_order(run: Run) -> None:
         order.cancel()
     execution.cancel_leftovers()
     run.link.changed()  # sends the cancellation to the robot
-    await run.link.conditions.wait(
-        lambda: (
-            not order.canceling
-            or (order.has_ended and not (execution.has_own_motion or execution.has_leftovers))
-        )
-    )
-    if order.canceling:  # otherwise another cancelOrder has emptied it
+
+    def is_done() -> bool:
+        if not order.canceling:  # another cancelOrder has emptied the order
+            return True
+        return order.has_ended and not execution.has_own_motion and not execution.has_leftovers
+
+    await run.link.conditions.wait(is_done)
+    if order.canceling:
         order.empty()
 
 

@@ -124,6 +124,7 @@ async def fetch(url: str, expected_hash: str = "", max_duration: float = _MAX_DU
 
 
 def _check_hash(url: str, data: bytearray, expected: str) -> None:
+    """Raise ActionFailedError if data do not have a hash, whose length tells the algorithm."""
     algorithm = next(name for name, size in _HASHES.items() if size == len(expected))
     found = hashlib.new(algorithm, data, usedforsecurity=False).hexdigest()
     if found != expected.lower():
@@ -194,7 +195,13 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
 
 
 async def _read_pose(run: Run) -> None:
-    """Read the pose after a change: a robot that stands pushes it late, or not at all."""
+    """Ask for the pose after the map or the position was changed, and store it.
+
+    The pushes are not enough: a robot that stands pushes its pose late, or not at all.
+
+    Raises:
+        LinkError: the robot could not be reached.
+    """
     answer = await run.link.ask(PoseSpeed())
     if isinstance(answer.body, PoseSpeed):
         run.execution.robot.remember_pose(answer.body)

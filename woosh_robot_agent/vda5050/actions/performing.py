@@ -110,7 +110,8 @@ class Run:
         """Check that the robot stands at a mark, or so near that it only has to dock.
 
         Raises:
-            ActionFailedError: the robot is too far from the mark, or the map has no such mark.
+            ActionFailedError: the robot is too far from the mark, its position is not known, or the
+                map has no such mark.
         """
         here = self.execution.robot.position
         place = None if here is None else self.execution.maps.find_mark(mark, here.map_id)

@@ -76,7 +76,9 @@ async def _nearest_charger(run: Run) -> str:
     """Return the number of the nearest charger.
 
     Raises:
-        ActionFailedError: there is no charger within reach.
+        ActionFailedError: there is no charger within reach, the position of the robot is not known,
+            or it refused to tell its marks.
+        LinkError: the robot could not be reached.
     """
     here = run.execution.robot.position
     answer = await run.request(storage_edit_pb2.Storages())

@@ -270,7 +270,8 @@ class OrderStatus:
         edges: edges still to be left, the horizon included.
         actions: actions of the order; in a `VehicleState` also the instant actions.
         paused: True while the vehicle is paused; set in a `VehicleState` only.
-        new_base_request: True if the vehicle is about to reach the end of the base.
+        new_base_request: True if the vehicle needs more of the horizon released, because it is
+            about to reach the end of the base.
         distance_since_last_node: distance driven since the last node, in metres; None if unknown.
     """
 

@@ -151,10 +151,11 @@ class Drive:
 
 
 class Control(Enum):
-    """Command to pause, resume or cancel the drive of a leg, or any task or action of the robot.
+    """Command to pause, resume or cancel the execution of something by the robot.
 
-    After a cancellation, report the end of the drive with `OrderMachine.drive_ended`. The values
-    are the names of the commands in the log.
+    From `OrderMachine`, it is about the drive of the current leg. When a cancelled drive has ended,
+    call `OrderMachine.drive_ended`. `vda5050.robot` uses the same commands for each task and action
+    of the robot. The values are the names of the commands in the log.
     """
 
     PAUSE = "pause"

@@ -289,10 +289,12 @@ class Route:
     # The leg, and the place of the vehicle
 
     def enter_edge(self) -> None:
+        """Enter the first of `edges`, and trigger its actions."""
         self.on_edge = True
         self._actions.trigger_edge(self.edges[0])
 
     def begin_leg(self, leg: Leg) -> None:
+        """Note that the vehicle begins to drive a leg."""
         self.leg = leg
         self._is_unconfirmed = False  # the place was checked after a loss of the link
 

@@ -42,8 +42,10 @@ _ELSEWHERE = Sentence("the vehicle is not within the permitted deviation from th
 def check_structure(order: Order) -> None:
     """Check that the nodes and edges of an order form one path, the base before the horizon.
 
+    Check also that the order and each of its actions have an id of their own.
+
     Raises:
-        RejectedError: the nodes and edges do not form one path.
+        RejectedError: the order is malformed.
     """
     if not order.id:  # it would stand for no order
         raise _malformed(order, _NO_ID())

@@ -240,7 +240,7 @@ class RobotCalls:
             return await self._link.command(call.request(_CONTROLS[control]))
 
         def answered(control: Control, answer: Answer | None) -> None:
-            if answer is None:
+            if answer is None:  # none came: the controller sends the command again if needed
                 return
             if control is Control.CANCEL:
                 self._ask_about(call)  # so that its end is known even if no report tells it
@@ -347,7 +347,10 @@ class RobotCalls:
                 self._ask_about(call)
 
     def _ask_about(self, call: _Call) -> None:
-        """Ask the robot about an action until its state is known or the link is lost."""
+        """Ask the robot about an action until its state is known or the link is lost.
+
+        End the action if the robot answers for `_REPORT_AFTER`, but knows nothing of it.
+        """
         self._link.background.start_once(lambda: self._ask(call), call)
 
     async def _ask(self, call: _Call) -> None:

@@ -186,7 +186,7 @@ class TaskRunner:
         """Make a task that was started before a restart of the program the current task.
 
         Args:
-            task_id: id of the task; 0 if its start was not sent.
+            task_id: id of the task; 0 if its start was not sent: then `on_end` is called at once.
             info: the first report of the robot.
         """
         self._set_current(task_id)
@@ -255,7 +255,8 @@ class TaskRunner:
     def _update_foreign_id(self, report: TaskProc) -> None:
         """Update `foreign_id` from a report on the task that the robot executes."""
         is_foreign = report.state not in _END_REASONS and report.robot_task_id != self.id
-        if is_foreign and not self.id and report.robot_task_id == self._given_up != 0:
+        is_given_up = not self.id and report.robot_task_id == self._given_up
+        if is_foreign and is_given_up:
             _LOG.warning("the robot begins task %d too late; it is cancelled", self._given_up)
             self._set_current(self._given_up)
             self.want(Control.CANCEL)
@@ -304,6 +305,10 @@ class TaskRunner:
                 self._ask_until_known()
 
     async def _ask(self, task_id: int) -> None:
+        """Ask about a task until its state is known.
+
+        End the task if the robot answers for `_REPORT_AFTER`, but knows nothing of it.
+        """
         clock = asyncio.get_running_loop().time
         began, deadline = clock(), math.inf
         while task_id == self.id:
