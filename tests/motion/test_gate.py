@@ -35,7 +35,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
 from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Follow, Speak, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 
@@ -332,6 +332,17 @@ async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> 
             await ok(rig.gate.request(ExecTask(task_id=7)))
         sent = len(types(rig.wire))
         await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner == "task 7")
+        await turns()
+        assert len(types(rig.wire)) == sent
+
+
+async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        await ok(rig.gate.request(Follow(type=True)))
+        await soon(rig.gate.stop(TIMEOUT))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)  # of another client
         await eventually(lambda: rig.gate.owner == "task 7")
         await turns()
         assert len(types(rig.wire)) == sent

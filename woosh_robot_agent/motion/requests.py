@@ -75,8 +75,11 @@ def may_move(request: Message) -> bool:
 
 
 def started_by(request: Message) -> str:
-    """Return what begins because of a request: "task", or an action by its short name, or ""."""
-    if isinstance(request, Twist) or not may_move(request):
+    """Return what begins because of a request: "task", or an action by its short name.
+
+    Return "" if nothing begins whose start the chassis reports.
+    """
+    if isinstance(request, (Twist, Follow)) or not may_move(request):
         return ""
     if isinstance(request, CallAction):
         which = request.WhichOneof("action")
