@@ -400,8 +400,8 @@ class MotionGate:
 
     @property
     def owner(self) -> str:
-        """What drives the robot: "a goal", or else `reported_owner`; empty if nothing does."""
-        return _GOAL if self._open_goals() else self._reported_owner.name
+        """What drives the robot: `reported_owner`, or else "a goal"; empty if nothing does."""
+        return self._reported_owner.name or (_GOAL if self._open_goals() else "")
 
     @property
     def reported_owner(self) -> str:
