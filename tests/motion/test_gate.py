@@ -35,7 +35,9 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
 from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Follow, Speak, Twist
+from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 
 REASON = "the settings of the link have changed"
 
@@ -211,9 +213,10 @@ async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
     [
         ("woosh.robot.TaskProc", RUNNING, "task"),
         ("woosh.ros.Feedbacks", feedback("StepControl", "kRosExecuting"), "StepControl"),
+        ("woosh.ros.Feedbacks", feedback("LiftControl", "kRosExecuting"), "LiftControl"),
     ],
 )
-async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_drives(
+async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_moves(
     reports: str, body: Frame, what: str
 ) -> None:
     async def refuse_cancels(wire: Wire, frame: Frame) -> bool:
@@ -225,8 +228,10 @@ async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_drives(
 
     async with gated(refuse_cancels, effect=0.1) as rig:
         assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing was running"
+        before = rig.client.stats.rx
         await rig.wire.push(reports, body)
-        await eventually(lambda: rig.gate.owner)
+        await eventually(lambda: rig.client.stats.rx > before)
+        await turns()
         report = await soon(rig.gate.stop(TIMEOUT))
         assert not report.success
         assert report.message.startswith(f"NOT STOPPED: cancel of {what}: Request failed; ")
@@ -253,17 +258,24 @@ async def test_a_stop_just_after_a_cancel_waits_for_the_report_of_its_effect() -
         assert (await soon(stop)).success
 
 
+LIFT = CallAction(lift_control=LiftControl(action=kExecute, execute_mode=LiftControl.kUp))
+
+
 @pytest.mark.parametrize("answered", ["before the stop", "after the stop", "never"])
+@pytest.mark.parametrize("start", [ExecTask(task_id=7), LIFT], ids=["task", "lift"])
 async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancelled(
-    answered: str,
+    start: Message, answered: str
 ) -> None:
-    """The chassis refuses to cancel a task that it has accepted and not begun."""
+    """The chassis refuses to cancel what it has accepted and not begun."""
+    type_ = start.DESCRIPTOR.full_name
     begun = False
     starts: list[Frame] = []
 
     async def chassis(wire: Wire, frame: Frame) -> bool:
-        if frame["type"] == "woosh.robot.ExecTask" and answered != "before the stop":
+        if frame["type"] == type_ and not starts:
             starts.append(frame)
+            if answered == "before the stop":
+                await wire.answer(frame)
             return True
         is_cancel = frame["type"] in ("woosh.robot.ActionOrder", "woosh.ros.CallAction")
         if is_cancel and not begun:
@@ -272,20 +284,25 @@ async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancel
         return await answer_all(wire, frame)
 
     async with gated(chassis, effect=NEVER) as rig:
-        start = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
-        await eventually(lambda: "woosh.robot.ExecTask" in types(rig.wire))
+        starting = asyncio.ensure_future(rig.gate.request(start))
+        await eventually(lambda: type_ in types(rig.wire))
         if answered == "before the stop":
-            await soon(start)
+            await soon(starting)
         assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing runs yet"
         if answered == "after the stop":
             await rig.wire.answer(starts[0])
-            await soon(start)
+            await soon(starting)
         begun = True
         sent = len(types(rig.wire))
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        # the begin of something else tells nothing about the start
+        await rig.wire.push("woosh.ros.Feedbacks", feedback("StepControl", "kRosExecuting"))
+        if start is LIFT:
+            await rig.wire.push("woosh.ros.Feedbacks", feedback("LiftControl", "kRosExecuting"))
+        else:
+            await rig.wire.push("woosh.robot.TaskProc", RUNNING)
         await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
         assert types(rig.wire)[sent : sent + 2] == [TWIST, "woosh.robot.ActionOrder"]
-        start.cancel()
+        starting.cancel()
 
 
 async def test_a_late_start_that_is_not_cancelled_is_an_error(
@@ -315,6 +332,17 @@ async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> 
             await ok(rig.gate.request(ExecTask(task_id=7)))
         sent = len(types(rig.wire))
         await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner == "task 7")
+        await turns()
+        assert len(types(rig.wire)) == sent
+
+
+async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        await ok(rig.gate.request(Follow(type=True)))
+        await soon(rig.gate.stop(TIMEOUT))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)  # of another client
         await eventually(lambda: rig.gate.owner == "task 7")
         await turns()
         assert len(types(rig.wire)) == sent

@@ -274,6 +274,20 @@ async def test_a_stop_silences_the_stream_until_a_zero_or_a_pause(until: str) ->
         await stream.sent(0.1, 0.0, 0.3)
 
 
+async def test_velocities_that_no_robot_reaches_are_no_pause_of_the_sender() -> None:
+    async with driving(hold=0.0, rate=1e9) as stream:
+        stream.gate.timing = replace(stream.gate.timing, pause=NEVER)
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        assert (await soon(stream.gate.stop(TIMEOUT))).success
+        await asyncio.sleep(0.3)
+        stream.drive(math.nan)
+        stream.gate.timing = replace(stream.gate.timing, pause=0.2)
+        stream.drive(0.2)
+        await stream.settle()
+        await stream.sent(0.1, 0.0)
+
+
 async def test_a_stall_of_the_agent_is_no_pause_of_the_sender() -> None:
     async with driving(hold=0.0, rate=1e9) as stream:
         stream.gate.timing = replace(stream.gate.timing, pause=0.7, settle=0.0)

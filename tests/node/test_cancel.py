@@ -40,6 +40,7 @@ from tests.node.goals import (
     until,
     without_reports,
 )
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.msg import TaskProc
@@ -155,6 +156,34 @@ def test_cancel_that_comes_before_the_goal_begins_is_sent_again_when_it_begins(
     robot.chassis.push(kind.report(kind.runs, "begins"))
     assert goal.result()[0] == CANCELED
     assert robot.chassis.counts[kind.cancels] == sent + 2
+
+
+@pytest.mark.parametrize("begins", [True, False])
+def test_an_earlier_cancel_that_the_chassis_repeats_ends_no_cancelled_goal(
+    robot: Robot, begins: bool
+) -> None:
+    """The list that it pushes holds the last states of all actions, so also of an ended one."""
+    earlier = until(step(robot, 20.0), ACTION.runs)
+    earlier.cancel()
+    assert earlier.result()[0] == CANCELED
+    robot.chassis.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
+    goal = step(robot, 20.0)
+    wait_until(lambda: robot.agent.agent.actions.accepted_goals, "its acceptance")
+    if begins:
+        replace_answers(robot.chassis, CALL_ACTION, ok=True)
+    goal.cancel()
+    robot.chassis.wait_received(CALL_ACTION, 4)
+    last = earlier.feedback.messages[-1]
+    old = Feedback(action=STEP, state=last.state.value, code=last.code, msg=last.msg)
+    robot.chassis.push(Feedbacks(fbs=[old, Feedback(action="woosh.ros.action.LiftControl")]))
+    wait_served(robot)
+    if begins:
+        assert not goal.done
+        robot.chassis.accept(CALL_ACTION)
+        robot.chassis.push(ACTION.report(ACTION.runs, "begins"))
+        robot.chassis.wait_received(CALL_ACTION, 5)
+        robot.chassis.push(Feedbacks(fbs=[old]))
+    assert goal.result(timeout=5.0)[0] == CANCELED
 
 
 def test_cancel_waits_until_the_chassis_has_accepted_the_goal(robot: Robot) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -273,3 +274,21 @@ class TestStop:
         sender.send(x=0.1)
         simulator.wait_received(TWIST, count + 1)
         assert twists()[count] == pytest.approx((0.1, 0.0, 0.0)), "obeyed after the zero"
+
+    def test_velocities_with_stale_stamps_are_no_pause(
+        self, simulator, connect, client, twists, logs
+    ):
+        agent = connect(cmd_vel_stamped=True)
+        gate = agent.agent.robot.gate
+        gate.timing = replace(gate.timing, pause=3.0)
+        sender = Sender(client, TwistStamped)
+        sender.send_stamped(0.3, age=0.0)
+        simulator.wait_received(TWIST)
+        assert client.call(Trigger, "stop").success
+        time.sleep(1.8)
+        sender.send_stamped(0.3, age=60.0)  # after a jump of the clock, for example
+        logs.wait_text("cmd_vel_max_age")
+        time.sleep(1.8)
+        sender.send_stamped(0.3, age=0.0)
+        logs.wait_text("the robot was stopped")
+        assert twists()[1:] == [(0.0, 0.0, 0.0)]

@@ -17,9 +17,11 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotState
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import Battery as BatterySrv
 from woosh_robot_msgs.srv import RobotInfo
+from woosh_robot_msgs.srv import RobotState as RobotStateSrv
 from woosh_robot_msgs.srv import TaskProc as TaskProcSrv
 
 BATTERY = "woosh.robot.Battery"
@@ -51,6 +53,22 @@ def lose_link(simulator: Any, agent: RunningAgent) -> None:
 
 def known(agent: RunningAgent, name: str) -> Any:
     return agent.agent.robot.last_known.get(name)
+
+
+def test_an_answer_does_not_replace_a_newer_push(simulator, agent, client):
+    """A push that the chassis sends right after the answer is newer, also in a burst of frames."""
+    before = [Outgoing("woosh.robot.RobotState", RobotState(state=2))] * 3
+
+    def answer(out: Outgoing) -> list[Outgoing]:
+        if out.request != BATTERY:
+            return [out]
+        return [*before, replace(out, body=Battery(power=1)), Outgoing(BATTERY, Battery(power=2))]
+
+    simulator.intercept(answer)
+    for _ in range(10):
+        assert client.call(BatterySrv, "robot/Battery").info.power == 1
+        client.call(RobotStateSrv, "robot/RobotState")  # until then, the push has arrived
+        assert known(agent, BATTERY).power == 2
 
 
 def test_each_call_asks_the_chassis(simulator, agent, client):

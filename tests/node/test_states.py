@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import zlib
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -19,11 +20,20 @@ from std_msgs.msg import Bool
 from tests.harness import wait_until
 from tests.node.goals import short_task
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
-from woosh_robot_agent.pb.robot.robot_pb2 import Battery, HardwareState, RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import (
+    Battery,
+    HardwareState,
+    NavPath,
+    RobotInfo,
+    RobotState,
+    TaskProc,
+)
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
+from woosh_robot_agent.pb.util.navigation_pb2 import Path as PbPath
 from woosh_robot_agent.robot.maps import MapError, cells_of
 from woosh_robot_agent.simulator import Outgoing
+from woosh_robot_msgs.srv import RobotState as RobotStateSrv
 
 SCENE_DATA = "woosh.map.SceneData"
 OK, WARN, ERROR, STALE = (
@@ -74,6 +84,26 @@ def test_footprint_follows_a_change_of_its_type_and_is_repeated(simulator, agent
 
 def test_the_first_plan_is_empty(agent, client):
     assert not client.echo(Path, "plan").wait_count(1)[0].poses
+
+
+def test_the_first_plan_does_not_replace_a_newer_one(simulator, connect, client):
+    """The chassis pushes a new path right after its answer, in a burst of frames."""
+    old, new = (NavPath(path=PbPath(poses=[Pose2D()] * count)) for count in (2, 3))
+
+    def answer(out: Outgoing) -> list[Outgoing]:
+        if out.request != "woosh.robot.NavPath":
+            return [out]
+        before = [Outgoing("woosh.robot.RobotState", RobotState(state=2))] * 3
+        return [*before, replace(out, body=old), Outgoing(out.type, new)]
+
+    simulator.intercept(answer)
+    agent = connect()
+    for links in range(1, 6):
+        agent.wait_connected(links)
+        simulator.wait_received("woosh.robot.NavPath", links)
+        client.call(RobotStateSrv, "robot/RobotState")  # until then, both have been handled
+        assert len(client.echo(Path, "plan").wait_count(1)[0].poses) == 3
+        simulator.drop()
 
 
 class TestConnected:

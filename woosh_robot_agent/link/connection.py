@@ -34,7 +34,7 @@ from woosh_robot_agent.link.frames import (
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.subscriptions import EVENT_PUSHES
-from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait, run_with_timeout
+from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait
 from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
@@ -99,9 +99,8 @@ _IDLE_SHARE = 0.4
 """Share of the timeout that may pass in silence before the other end is probed."""
 _MARGIN = 0.03
 """Share of the timeout kept for timers that fire late, so that the timeout is not exceeded."""
-_BUSY_SHARE = 0.3
-"""Share of the timeout. A timer that is later than this shows that this program was busy. The delay
-does not count as silence then, because the remaining time could be too short for an answer."""
+_STEP_SHARE = 0.02
+"""Longest step in which the answer to a probe is awaited, as a share of the timeout."""
 
 
 class Liveness:
@@ -109,6 +108,9 @@ class Liveness:
 
     Signs of life are valid frames. Bytes of unfinished frames in either direction count, too: a map
     of several MiB may take longer than the timeout.
+
+    Silence is measured in a time of its own, which stands still while this program is busy: what
+    arrives meanwhile is still unread. A wait counts for little longer than it was meant to last.
 
     Args:
         transport: the transport to watch.
@@ -129,12 +131,15 @@ class Liveness:
         self._usable_timeout = timeout * (1 - _MARGIN)
         self._probe = probe
         self._sent = sent
-        self._now = asyncio.get_running_loop().time
+        self._loop_time = asyncio.get_running_loop().time
+        self._latest = self._loop_time()
+        """Latest end of the current wait; from then until the next one, time stands still."""
+        self._busy = 0.0
+        """Duration for which this program was busy so far, in seconds."""
         self._alive_at = self._now()
-        """Loop time of the last sign of life, plus delays of this busy program since then."""
+        """Time of the last sign of life."""
         self._accepted_at = self._now()
-        """Loop time at which the other end last accepted bytes, or no bytes were waiting, plus such
-        delays."""
+        """Time at which the other end last accepted bytes, or no bytes were waiting."""
         self._sent_before = sent()
         """Number of frames sent, at the last check."""
         self._backlog_before = 0
@@ -150,25 +155,34 @@ class Liveness:
         Raises:
             ConnectionLostError: the other end is no longer alive.
         """
+        idle, step = self._timeout * _IDLE_SHARE, self._timeout * _STEP_SHARE
         while True:
-            quiet = self._measure_silence()
-            if quiet < self._timeout * _IDLE_SHARE:
-                await self._sleep(self._timeout * _IDLE_SHARE - quiet)
-                continue
+            while (quiet := self._measure_silence()) < idle:
+                await self._spend(idle - quiet, asyncio.sleep(idle - quiet))
+            probe = asyncio.ensure_future(self._probe_once())
             try:
-                await run_with_timeout(max(self._usable_timeout - quiet, 0.01), self._probe_once())
-            except (TimeoutError, RequestTimeoutError):
-                if self._measure_silence() >= self._usable_timeout:
-                    raise ConnectionLostError(_SILENT(seconds=f"{self._timeout:g}")) from None
+                while quiet >= idle and not probe.done():
+                    if quiet >= self._usable_timeout:
+                        raise ConnectionLostError(_SILENT(seconds=f"{self._timeout:g}"))
+                    rest = min(step, self._usable_timeout - quiet)
+                    await self._spend(rest, asyncio.wait({probe}, timeout=rest))
+                    quiet = self._measure_silence()
+                if probe.done():
+                    probe.result()
+            except RequestTimeoutError:
+                pass
+            finally:
+                await cancel_and_wait(probe)
 
-    async def _sleep(self, seconds: float) -> None:
-        """Sleep, without counting a delay of this busy program as silence."""
-        due = self._now() + seconds
-        await asyncio.sleep(seconds)
-        late = self._now() - due
-        if late > self._timeout * _BUSY_SHARE:
-            self._alive_at += late
-            self._accepted_at += late
+    def _now(self) -> float:
+        return min(self._loop_time() - self._busy, self._latest)
+
+    async def _spend(self, seconds: float, wait: Awaitable[object]) -> None:
+        """Await something that takes this time; a delay does not count."""
+        now = self._now()
+        self._busy = self._loop_time() - now
+        self._latest = now + seconds + self._timeout * _STEP_SHARE
+        await wait
 
     async def _probe_once(self) -> None:
         await self._probe()
@@ -181,7 +195,7 @@ class Liveness:
             ConnectionLostError: the other end has stopped reading.
         """
         now = self._now()
-        self._alive_at = max(self._alive_at, self._transport.progress_at)
+        self._alive_at = max(self._alive_at, min(self._transport.progress_at - self._busy, now))
         sent, backlog = self._sent(), self._transport.backlog()
         has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before
         self._sent_before, self._backlog_before = sent, backlog

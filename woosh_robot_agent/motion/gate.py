@@ -47,9 +47,9 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import call_logged
 from woosh_robot_agent.link.tasks import start_task
-from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
+from woosh_robot_agent.motion.requests import commands_motion, may_move, started_by, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
-from woosh_robot_agent.motion.wheel_owner import WheelOwner
+from woosh_robot_agent.motion.wheel_owner import ACTIONS, WheelOwner
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
@@ -64,12 +64,10 @@ def cancel_orders() -> dict[str, Message]:
     """Return the requests that end the task, each action that can be cancelled, and a following.
 
     Their names are "task", those of the messages of the actions, e.g. "StepControl", and "Follow".
-    An action is a member of the oneof of CallAction; it can be cancelled if its message has a field
-    `action`.
     """
     orders: dict[str, Message] = {"task": ActionOrder(order=CANCEL_TASK)}
     for field in CallAction.DESCRIPTOR.oneofs_by_name["action"].fields:
-        if field.message_type is not None and "action" in field.message_type.fields_by_name:
+        if field.message_type is not None and field.message_type.full_name in ACTIONS:
             call: Any = CallAction()
             member = getattr(call, field.name)
             member.SetInParent()  # the number of CANCEL_ACTION is 0, which sets no member
@@ -86,7 +84,7 @@ class StopReport:
     Attributes:
         zero: the answer to the zero velocity, or the error if there is none.
         cancels: the answer or error of each cancel request, by the name of the task or action.
-        running: names of what the chassis refused to cancel, and still reports as driving.
+        running: names of what the chassis refused to cancel, and still reports as moving.
     """
 
     zero: Answer | LinkError
@@ -239,9 +237,9 @@ class MotionGate:
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
         """Monotonic time at which the chassis last accepted a task or driving action from here."""
-        self._start_sent = -math.inf
-        """Monotonic time at which the last task or driving action from here was sent; -inf once
-        something has begun since."""
+        self._starts: dict[str, float] = {}
+        """Monotonic time at which the last task, and the last action of each kind, from here was
+        sent; without those that have begun since. Named as in `started_by`."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -326,7 +324,7 @@ class MotionGate:
             if isinstance(answer, Answer) and not answer.ok
         ]
         until = asyncio.get_running_loop().time() + self.timing.effect
-        while running := tuple(filter(self._reported_owner.drives, refused)):
+        while running := tuple(filter(self._reported_owner.moves, refused)):
             # an earlier cancel may have ended it already, and the report be on its way
             if asyncio.get_running_loop().time() > until:
                 break
@@ -402,8 +400,8 @@ class MotionGate:
 
     @property
     def owner(self) -> str:
-        """What drives the robot: "a goal", or else `reported_owner`; empty if nothing does."""
-        return _GOAL if self._open_goals() else self._reported_owner.name
+        """What drives the robot: `reported_owner`, or else "a goal"; empty if nothing does."""
+        return self._reported_owner.name or (_GOAL if self._open_goals() else "")
 
     @property
     def reported_owner(self) -> str:
@@ -443,14 +441,14 @@ class MotionGate:
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + self.timing.driving
-        sent_before = self._start_sent
-        if takes_wheels(message):  # now, because the answer may be lost, or come after the report
-            self._start_sent = time.monotonic()
-        sent = self._start_sent
+        started, sent = started_by(message), time.monotonic()
+        sent_before = self._starts.get(started, -math.inf)
+        if started:  # now, because the answer may be lost, or come after the report
+            self._starts[started] = sent
         answer = await self._send(message, how)  # rule 3: once
         if not answer.ok:
-            if self._start_sent == sent:
-                self._start_sent = sent_before
+            if self._starts.get(started) == sent:
+                self._starts[started] = sent_before
             # rule 6: the start has ended all earlier velocities, and this later one was refused;
             # after any other refusal, an earlier velocity may still drive the robot
             if message is self._unanswered_at_start and message is self._last_velocity:
@@ -513,13 +511,13 @@ class MotionGate:
         self._velocities.withdraw(reason)
         self._chassis.withdraw(may_move, reason)
 
-    def _start_reported(self) -> None:
-        """Note that a task or an action drives the robot, and no longer an earlier velocity."""
+    def _start_reported(self, started: str, drives: bool) -> None:
+        """Note that a task or an action has begun. If it drives, no earlier velocity does."""
         stopped, effect = self._stop_called, self.timing.effect
-        sent, self._start_sent = self._start_sent, -math.inf
+        sent = self._starts.pop(started, -math.inf)
         if stopped - effect < sent < stopped and time.monotonic() < stopped + effect:
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
-        if time.monotonic() < self._wheels_taken + self.timing.driving:
+        if not drives or time.monotonic() < self._wheels_taken + self.timing.driving:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
             # that was sent between the acceptance and this report drives the robot.
             return

@@ -74,6 +74,19 @@ def may_move(request: Message) -> bool:
     return isinstance(request, TASK_REQUESTS)
 
 
+def started_by(request: Message) -> str:
+    """Return what begins because of a request: "task", or an action by its short name.
+
+    Return "" if nothing begins whose start the chassis reports.
+    """
+    if isinstance(request, (Twist, Follow)) or not may_move(request):
+        return ""
+    if isinstance(request, CallAction):
+        which = request.WhichOneof("action")
+        return str(getattr(request, which).DESCRIPTOR.name) if which else ""
+    return "task"
+
+
 def takes_wheels(request: Message) -> bool:
     """Return True if the robot drives by itself once the chassis has accepted the request."""
     if isinstance(request, CallAction):

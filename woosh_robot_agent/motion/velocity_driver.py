@@ -203,29 +203,29 @@ class VelocityDriver:
             published: loop time (monotonic) at which the sender published it; by default now.
         """
         values = (linear, sideways, angular)
+        moves = any(values)
+        self.note_received(moves)
         limits = self._limits()
         try:
             limited = limits.apply(Twist(linear=linear, linear_y=sideways, angular=angular))
         except UnusableVelocityError as error:  # rule 1
-            self.log_refusal("value", said_by(error))
+            self._log_refusal("value", said_by(error))
             return
         now = asyncio.get_running_loop().time()
         published = min(published, now)
-        moves = any(values)
-        self.note_received(moves)
         if self._waiting is not None and self._owner:
             self._waiting = None  # rule 2; otherwise a zero would stop what drives the robot
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
                 self._silence(_NOT_PERMITTED)
-            self.log_refusal("not permitted", reason)
+            self._log_refusal("not permitted", reason)
         elif moves and self._silenced:  # rule 3
             pause = f"{self._gate.timing.pause:g}"
-            self.log_refusal("silenced", _SILENCED(reason=self._silenced, seconds=pause))
+            self._log_refusal("silenced", _SILENCED(reason=self._silenced, seconds=pause))
         elif moves and (owner := self._owner):  # rule 2
-            self.log_refusal("owner", _OWNED(owner=owner))
+            self._log_refusal("owner", _OWNED(owner=owner))
         elif self._chassis.state is not LinkState.READY:  # rule 5
-            self.log_refusal("link", _NO_LINK)
+            self._log_refusal("link", _NO_LINK)
         elif moves and now - published > self._max_age:  # rule 5
             self._gate.count_superseded(
                 f"{self._name}: a velocity was not sent: it was {now - published:.2f} s old, and "
@@ -239,7 +239,10 @@ class VelocityDriver:
             self._send_or_wait(now)
 
     def note_received(self, moves: bool) -> None:
-        """Note that a velocity of the stream came, for rule 3; `drive` does so by itself."""
+        """Note that a velocity of the stream came, even one that is not used, for rule 3.
+
+        `drive` and `refuse` do so by themselves.
+        """
         now = asyncio.get_running_loop().time()
         # during a stall of this process, it received nothing from a sender that went on
         silent_since, self._received = max(self._received, self._gate.stall_ended), now
@@ -247,20 +250,18 @@ class VelocityDriver:
         if not moves or has_paused:
             self._silenced = ""
 
+    def refuse(self, kind: str, reason: str) -> None:
+        """Refuse a velocity that would move the robot, for a reason of the caller."""
+        self.note_received(moves=True)
+        self._log_refusal(kind, reason)
+
     def end(self) -> None:
         """Stop the robot at once, unless a stop has done so. Rule 3 goes on."""
         if not self._silenced:
             self.drive(0.0, 0.0, 0.0)
 
-    def log_refusal(self, kind: str, reason: str) -> None:
-        """Log why a velocity is refused, or pass the reason to `on_refused` if that is set.
-
-        Reasons of one kind are logged once, until a velocity is accepted again.
-
-        Args:
-            kind: kind of the reason, any text.
-            reason: the reason.
-        """
+    def _log_refusal(self, kind: str, reason: str) -> None:
+        """Log or tell why a velocity is refused; reasons of one kind are logged once."""
         if self._on_refused is not None:
             self._on_refused(reason)
             return

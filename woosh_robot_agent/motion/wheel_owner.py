@@ -1,14 +1,14 @@
-"""Ownership of the wheels: the task or actions that the chassis reports as driving the robot."""
+"""The task and the actions that the chassis reports as moving the robot; which own its wheels."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from woosh_robot_agent.link import ChassisClient, LinkState
-from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
+    CallAction,
     Feedbacks,
     kRosErrMsg,
     kRosExecuting,
@@ -22,10 +22,15 @@ TASK = Sentence("task {id}")
 
 _HELD_UP = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
 """States of an action held up by an obstacle or by traffic control."""
-_DRIVING_ACTIONS = {
-    full_name(cls): cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)
+_DRIVING_ACTIONS = {cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)}
+"""Short names of the actions that drive the robot."""
+ACTIONS = {
+    field.message_type.full_name: field.message_type.name
+    for field in CallAction.DESCRIPTOR.oneofs_by_name["action"].fields
+    if field.message_type is not None and "action" in field.message_type.fields_by_name
 }
-"""Short names of the actions that drive the robot, by protobuf full name."""
+"""Short names of the actions that can be cancelled, by protobuf full name: the members of the oneof
+of CallAction whose messages have a field `action`."""
 EXECUTING = (kRosExecuting, kRosErrMsg, kRosPauseFailed)
 """States of an action that goes on; kRosErrMsg reports an error on the way, e.g. an obstacle."""
 
@@ -51,34 +56,32 @@ def is_held_up(task_proc: TaskProc) -> bool:
 
 
 class WheelOwner:
-    """Follows the reports on tasks and driving actions, whichever client started them.
+    """Follows the reports on tasks and actions, whichever client started them.
 
     Args:
         chassis: the link; used in its event loop only.
-        on_start: called when the chassis reports that a task or a driving action has started or
-            been resumed.
+        on_start: called when the chassis reports that something has started or been resumed, with
+            "task" or the short name of the action, and with True if it drives the robot.
 
     Attributes:
         name: name of the task or the actions that may drive the robot now; empty without any.
     """
 
-    def __init__(self, chassis: ChassisClient, on_start: Callable[[], None]) -> None:
+    def __init__(self, chassis: ChassisClient, on_start: Callable[[str, bool], None]) -> None:
         self._on_start = on_start
         self.name: str = ""
         self._task = TaskProc()
         """The last report on a task."""
         self._actions: set[str] = set()
-        """Protobuf full names of the driving actions that are being executed."""
+        """Short names of the actions that are being executed."""
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)
         chassis.subscribe(TaskProc, self._task_changed)
         chassis.subscribe(Feedbacks, self._actions_reported)
 
-    def drives(self, what: str) -> bool:
-        """Return True if something may drive the robot: "task", or an action by its short name."""
-        if what == "task":
-            return _may_drive(self._task)
-        return any(_DRIVING_ACTIONS[action] == what for action in self._actions)
+    def moves(self, what: str) -> bool:
+        """Return True if something may move the robot: "task", or an action by its short name."""
+        return _may_drive(self._task) if what == "task" else what in self._actions
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._task_changed(info.task_proc)
@@ -88,19 +91,20 @@ class WheelOwner:
         self._update_name()
         drove_before = _may_drive(before) and before.robot_task_id == report.robot_task_id
         if _may_drive(report) and not drove_before:
-            self._on_start()
+            self._on_start("task", True)
 
     def _actions_reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:
-            if report.action not in _DRIVING_ACTIONS:
+            name = ACTIONS.get(report.action)
+            if name is None:
                 continue
             if report.state not in EXECUTING:
-                self._actions.discard(report.action)
+                self._actions.discard(name)
                 self._update_name()
-            elif report.state == kRosExecuting and report.action not in self._actions:
-                self._actions.add(report.action)
+            elif report.state == kRosExecuting and name not in self._actions:
+                self._actions.add(name)
                 self._update_name()
-                self._on_start()
+                self._on_start(name, name in _DRIVING_ACTIONS)
 
     def _link_changed(self, state: LinkState) -> None:
         # reports of the end of actions may be missed, and the next RobotInfo does not have actions
@@ -112,7 +116,7 @@ class WheelOwner:
         if _may_drive(self._task):
             self.name = TASK(id=self._task.robot_task_id)
         else:
-            self.name = ", ".join(sorted(_DRIVING_ACTIONS[name] for name in self._actions))
+            self.name = ", ".join(sorted(self._actions & _DRIVING_ACTIONS))
 
 
 def _may_drive(task: TaskProc) -> bool:

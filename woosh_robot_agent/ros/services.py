@@ -108,7 +108,9 @@ class _QueryHandler:
             _RefusedError: the chassis refused the request.
             _UnusableAnswerError: the answer holds no value that can be read.
         """
-        answer = await self._robot.chassis.request(self._chassis_request(request))
+        answer = await self._robot.chassis.request(
+            self._chassis_request(request), tap=self._remember
+        )
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.reason}")
         if answer.type != self._endpoint.request:
@@ -117,8 +119,14 @@ class _QueryHandler:
             value = await _read(self._convert, answer.raw)
         except FrameError as error:
             raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
-        self._robot.last_known.remember(answer.raw)
         return _Value(value, answer.raw.is_large)
+
+    def _remember(self, answer: Answer) -> None:
+        """Store a value; called in order with the pushes, so that it replaces no newer one."""
+        if answer.ok and answer.type == self._endpoint.request:
+            last_known = self._robot.last_known
+            last_known.get(answer.type)  # first: a value that cannot be read must replace none
+            last_known.remember(answer.raw)
 
     @property
     def _fallback_text(self) -> str:

@@ -6,6 +6,7 @@ import pytest
 from std_srvs.srv import Trigger
 
 from tests.harness import Logs, Robot, fill, wait_until
+from tests.node.cmd_vel import Sender
 from tests.node.goals import ACTION_ORDER, EXECUTING, slow_down
 from tests.node.nav2.goals import (
     CANCELED,
@@ -52,12 +53,14 @@ def docking(robot: Robot) -> Nav2Client:
     return goal
 
 
-def test_the_robot_docks_and_undocks(robot: Robot) -> None:
+def test_the_robot_docks_and_undocks(robot: Robot, logs: Logs) -> None:
     mark = chargers(robot)[0][0]
     goal = Nav2Client(robot, "dock_robot", dock_id=mark)
     status, result = goal.result()
     assert (status, result.success, result.error_code) == (SUCCEEDED, True, 0)
     assert charges(robot)
+    Sender(robot).send(x=0.1)  # the charging task goes on, and no client has a goal to cancel
+    logs.wait_text("cmd_vel is ignored: task ")
     feedback = nav2_actions.DockRobot.Feedback
     states = [each.state for each in goal.feedback.messages]
     assert states == sorted(states)

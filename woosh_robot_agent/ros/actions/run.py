@@ -356,9 +356,10 @@ class GoalRun:
 
     def _may_be_repeated(self, report: Report) -> bool:
         """Return True if a push may only repeat the end of an earlier goal."""
-        if report.outcome is Outcome.CANCELED and self._cancellation.requested:
-            return False
-        return self._attribution.repeats_previous(report.message, report.outcome)
+        may_be_repeated = self._attribution.repeats_previous(report.message, report.outcome)
+        if may_be_repeated and self._cancellation.requested:
+            self._poll_once_begun()  # perhaps it is the cancel of this goal
+        return may_be_repeated
 
     def _note_report(self) -> None:
         """Note a report on this goal, even an old one that the answer to a poll repeats."""
@@ -419,8 +420,14 @@ class GoalRun:
         """Poll the state of the goal: perhaps it has ended, and the report was lost."""
         if self._attribution.has_report:
             self._poll_soon()
-            return
-        # perhaps it has not begun yet; until then, the answer may have the end of an earlier goal
+        else:
+            self._poll_once_begun()
+
+    def _poll_once_begun(self) -> None:
+        """Poll the state of the goal when it must have begun.
+
+        Until then, the answer may have the end of an earlier goal.
+        """
         begins = self._clock() + self._timing.cancel_report_timeout
         self._next_poll = min(self._next_poll, begins)
         self.post(Tick())  # wakes `_follow`, which waits until then

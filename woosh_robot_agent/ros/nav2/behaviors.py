@@ -259,7 +259,7 @@ class AssistedTeleop(Nav2Action):
             self._driver.note_received(any(values))
             return
         if twist is not message and (objection := stamp_objection(self.context.standard, message)):
-            self._driver.log_refusal("age", objection)
+            self._driver.refuse("age", objection)
             return
         self._driver.drive(*values, self._clock.of_message(info, taken))
 

@@ -8,7 +8,7 @@ import math
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from woosh_robot_agent.link import LinkError, LinkState
+from woosh_robot_agent.link import Answer, LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
 from woosh_robot_agent.ros.standard.part import PartContext
@@ -109,10 +109,11 @@ class RobotPose:
     async def _request_pose(self) -> None:
         robot = self._context.robot
         try:
-            answer = await robot.chassis.request(robot.requests.empty(PoseSpeed))
+            await robot.chassis.request(robot.requests.empty(PoseSpeed), tap=self._answered)
         except LinkError as error:
             _LOG.debug("cannot ask for the pose: %s", error)
-            return
+
+    def _answered(self, answer: Answer) -> None:
         if answer.ok and isinstance(answer.body, PoseSpeed):
             self._reported(answer.body)
 

@@ -82,7 +82,7 @@ class CmdVel(Part):
 
     def _drive_stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
         if objection := stamp_objection(self._context, message):
-            self._driver.log_refusal("age", objection)
+            self._driver.refuse("age", objection)
         else:
             self._drive(message.twist, info, taken)
 

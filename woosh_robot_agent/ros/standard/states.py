@@ -15,7 +15,7 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool, Header
 
 from woosh_robot_agent.convert.cdr import HEADER_SIZE, serialize
-from woosh_robot_agent.link import Body, LinkError, LinkState
+from woosh_robot_agent.link import Answer, Body, LinkError, LinkState
 from woosh_robot_agent.link.tasks import LARGE, aside
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
 from woosh_robot_agent.robot.last_known import is_part_of_info, parts_of
@@ -172,10 +172,12 @@ class _ValuePart(Part):
         request = self._context.robot.requests.empty(self._proto_class)
         try:
             # `first`: ahead of pending requests, regardless of max_in_flight
-            answer = await self._context.robot.chassis.request(request, first=True)
+            await self._context.robot.chassis.request(request, first=True, tap=self._answered)
         except LinkError as error:
             _LOG.debug("cannot request the first %s: %s", self._proto_class.DESCRIPTOR.name, error)
-            return
+
+    def _answered(self, answer: Answer) -> None:
+        """Publish the first value; called in order with the pushes, so it replaces no newer one."""
         if answer.ok and isinstance(answer.body, self._proto_class):
             self._publish_converted(self._convert_or_error(answer.body))
 
