@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -28,16 +27,16 @@ from tests.vda5050.master import (
     status_of,
 )
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
-from woosh_robot_agent.pb.ros import ros_pack_pb2
-from woosh_robot_agent.pb.ros.action_pb2 import StepControl
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.robot import calls, tasks
 from woosh_robot_agent.vda5050.robot.link import Timing
 
+FEEDBACKS = "woosh.ros.Feedbacks"
 SPEAK = "woosh.robot.Speak"
 SCENE_DATA = "woosh.map.SceneData"
 NEW = 30002
@@ -180,10 +179,12 @@ def hide_tasks(chassis: SimulatorThread, *, pushes: bool = True) -> Callable[[],
     """Let a chassis tell nothing of its tasks; return a function that ends this.
 
     Args:
-        pushes: False if its pushes still tell of them.
+        pushes: False if its pushes still tell of them, and its state that it executes a task.
     """
 
     def without_tasks(frame: Outgoing) -> list[Outgoing]:
+        if isinstance(frame.body, RobotInfo | RobotState) and pushes:
+            frame.body.state = robot_pb2.kIdle
         if isinstance(frame.body, RobotInfo):
             frame.body.ClearField("task_proc")
         elif isinstance(frame.body, TaskProc | TaskHistory) and frame.is_answer:
@@ -224,12 +225,10 @@ async def test_a_task_of_which_only_pushes_tell_goes_on(
 ) -> None:
     shorten(tasks, monkeypatch)
     async with site.online() as master:
-        show = hide_tasks(site.chassis, pushes=False)
-        await site.drive(master, then=0.3)
-        for _ in range(20):
-            await asyncio.sleep(0.1)
-            site.chassis.call(lambda each: each.chassis.emit(each.chassis.tasks.reported))
-        show()
+        hide_tasks(site.chassis, pushes=False)
+        await site.drive(master, then=0.02)
+        asked = site.chassis.counts[full_name(TaskHistory)]
+        await eventually(lambda: site.chassis.counts[full_name(TaskHistory)] > asked + 10)
         set_speed(site.chassis, 20.0)
         ended = await master.reached("b")
         assert ended["errors"] == []
@@ -281,6 +280,8 @@ async def test_an_action_that_the_robot_drops_without_a_report_fails(
             hide_actions(site.chassis, Feedbacks())
         master.instant(action("step", "step", distance=1.0, speed=0.02))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        if begun:  # it knows the action when it is asked
+            await eventually(lambda: site.chassis.counts[FEEDBACKS] > 1)
         hide_actions(site.chassis, Feedbacks())
         state = await master.status("step", "FAILED")
         assert "does not tell how it ended" in result_of(state, "step")
@@ -293,13 +294,8 @@ async def test_an_action_of_which_only_pushes_tell_goes_on(
     async with site.online() as master:
         hide_actions(site.chassis, Feedbacks(), pushes=False)
         set_speed(site.chassis, 1.0)
-        master.instant(action("step", "step", distance=1.0, speed=0.5))
-        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
-        set_speed(site.chassis, 0.3)
-        report = Feedback(action=full_name(StepControl), state=ros_pack_pb2.kRosExecuting)
-        for _ in range(20):
-            await asyncio.sleep(0.1)
-            site.chassis.call(lambda each: each.chassis.emit(Feedbacks(fbs=[report])))
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: site.chassis.counts[FEEDBACKS] > 10)
         assert status_of(master.state, "step") == "RUNNING"
         set_speed(site.chassis, 20.0)
         await master.status("step", "FINISHED")

@@ -77,7 +77,6 @@ class _Call:
         accepted: True if the robot has accepted the start.
         reported: True if the robot has reported the action as executing or paused over the current
             link.
-        reported_at: loop time of the last such report, over any link; else minus infinity.
         cannot_pause: True if the robot could not pause the action, which does not move the base.
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
@@ -95,7 +94,6 @@ class _Call:
         self.report = report
         self.accepted = False
         self.reported = False
-        self.reported_at = -math.inf
         self.cannot_pause = False
         self.outcome_unknown = False
         self.is_leftover = False
@@ -136,6 +134,8 @@ class RobotCalls:
         self._ends: dict[str, Feedback] = {}
         """Last reports on actions that have ended, by the full name of the command, until the next
         one of the kind is reported. The robot repeats them when it is asked."""
+        self._answers_queries = False
+        """True once the robot has named an action when it was asked."""
         link.chassis.subscribe(Feedbacks, self._reported)
         link.chassis.on_snapshot(self._snapshot)
         link.chassis.on_state(self._link_changed)
@@ -286,8 +286,6 @@ class RobotCalls:
 
     def _handle_report(self, call: _Call, report: Feedback) -> None:
         """Update an action from a report."""
-        if report.state in (ros_pack_pb2.kRosExecuting, ros_pack_pb2.kRosPause):
-            call.reported_at = asyncio.get_running_loop().time()
         if report.state == ros_pack_pb2.kRosExecuting:
             if not (call.accepted or call.reported):
                 call.report(ActionStatus.RUNNING)
@@ -352,15 +350,15 @@ class RobotCalls:
 
     async def _ask(self, call: _Call) -> None:
         clock = asyncio.get_running_loop().time
-        name, is_known = full_name(call.command), False
-        began, deadline = clock(), math.inf
+        name, deadline, is_known = full_name(call.command), math.inf, False
 
         def take_answer(answer: Answer) -> None:
             nonlocal is_known
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
             mine = [each for each in reports if each.action == name]
-            # a robot that refuses queries may report on the action nevertheless
-            is_known = call.reported and not answer.ok
+            self._answers_queries = self._answers_queries or bool(reports)
+            # a robot that does not answer queries may report on the action nevertheless
+            is_known = call.reported and not (answer.ok and self._answers_queries)
             if mine and mine[-1] != self._ends.get(name):
                 self._handle_report(call, mine[-1])
                 # if nothing shows that this call has begun, a reported end is of an earlier call
@@ -380,9 +378,8 @@ class RobotCalls:
                 if is_known:
                     return
                 if clock() > deadline:
-                    if call.reported_at < began:  # else only its pushes tell of the action
-                        call.outcome_unknown = True
-                        call.end(_UNKNOWN())
+                    call.outcome_unknown = True
+                    call.end(_UNKNOWN())
                     return
                 # an action that has just begun may not be in the answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)

@@ -20,6 +20,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
@@ -159,8 +160,6 @@ class TaskRunner:
         """Id of the last task that the robot did not know any more; 0 without one."""
         self.foreign_id = 0
         self.confirmed = False
-        self._reported_at = -math.inf
-        """Loop time of the last report on a current task."""
         self._controller = self._new_controller()
         link.chassis.subscribe(TaskProc, self._reported)
         link.chassis.on_snapshot(self._snapshot)
@@ -267,7 +266,6 @@ class TaskRunner:
 
     def _handle_report(self, report: TaskProc) -> None:
         """Update the current task from a report."""
-        self._reported_at = asyncio.get_running_loop().time()
         if not self.confirmed:
             self.confirmed = True
             self._controller.send_now()  # the robot may have refused a command before it began
@@ -305,7 +303,7 @@ class TaskRunner:
 
     async def _ask(self, task_id: int) -> None:
         clock = asyncio.get_running_loop().time
-        began, deadline = clock(), math.inf
+        deadline = math.inf
         while task_id == self.id:
             try:
                 await self._link.chassis.wait_ready(_ASK_EVERY)
@@ -314,14 +312,14 @@ class TaskRunner:
                     return
                 if is_current is None and self.confirmed:
                     return  # the robot refuses queries, but reports on the task
+                if clock() > deadline:
+                    if not await self._executes_unnamed_task():
+                        self._end(task_id, _UNKNOWN_TASK)
+                    return
             except LinkError as error:
                 _LOG.debug("no answer about task %d: %s", task_id, error)
                 deadline = math.inf  # the robot has the full time again once it answers
             else:
-                if clock() > deadline:
-                    if self._reported_at < began:  # else only its pushes tell of the task
-                        self._end(task_id, _UNKNOWN_TASK)
-                    return
                 # a task that has just begun may be in neither answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)
@@ -363,6 +361,12 @@ class TaskRunner:
 
         answer = await self._link.ask(TaskHistory(), tap=take_answer)
         return end_of(answer) is not None
+
+    async def _executes_unnamed_task(self) -> bool:
+        """Return True if the robot tells that it executes a task, but not which one."""
+        answer = await self._link.ask(RobotInfo())
+        state = answer.body.state if isinstance(answer.body, RobotInfo) else None
+        return state in (robot.kTask, robot.kParking) and not self.foreign_id
 
     def _link_changed(self, state: LinkState) -> None:
         self._controller.send_now()
