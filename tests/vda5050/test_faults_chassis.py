@@ -28,7 +28,9 @@ from tests.vda5050.master import (
 )
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
+from woosh_robot_agent.pb.ros import action_pb2
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosSuccess
 from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
@@ -311,6 +313,23 @@ async def test_the_end_of_an_earlier_action_does_not_end_the_next_one(site: Site
         await master.status("next", "RUNNING")
         site.chassis.drop()
         await master.status("next", "FAILED")
+
+
+async def test_the_end_of_an_action_before_the_start_of_the_vehicle_ends_no_action(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(calls, monkeypatch)
+    async with site.other_client() as other:
+        command = StepControl(action=action_pb2.kExecute)
+        command.steps.add(mode=StepControl.Step.kStraight, value=0.2)
+        await other.request(CallAction(step_control=command))
+        actions = site.chassis.call(lambda simulator: simulator.chassis.actions)
+        await eventually(lambda: actions.last[full_name(StepControl)].state == kRosSuccess)
+    async with site.online() as master:
+        hide_actions(site.chassis, Feedbacks(fbs=actions.last.values()))
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: status_of(master.state, "step") in ("FINISHED", "FAILED"))
+        assert "does not tell how it ended" in result_of(master.state, "step")
 
 
 async def test_a_cancel_is_repeated_until_the_robot_obeys(site: Site) -> None:

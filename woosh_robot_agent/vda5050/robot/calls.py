@@ -326,9 +326,23 @@ class RobotCalls:
         self._link.changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        """Ask for the states of the actions after a reconnect."""
+        """Ask for the states of the actions after a reconnect, and for the ends of earlier ones."""
+        self._link.background.start_once(self._learn_ends, self)
         for call in self._calls.values():
             self._ask_about(call)
+
+    async def _learn_ends(self) -> None:
+        """Ask for the ends of actions that have ended without a report over this link."""
+
+        def take_answer(answer: Answer) -> None:
+            if isinstance(answer.body, Feedbacks):
+                self._note_ends(each for each in answer.body.fbs if each.action not in self._calls)
+
+        try:
+            await self._link.wait_ready()
+            await self._link.ask(Feedbacks(), tap=take_answer)
+        except LinkError as error:
+            _LOG.debug("no answer about earlier actions: %s", error)
 
     def _link_changed(self, state: LinkState) -> None:
         for call in self._calls.values():
