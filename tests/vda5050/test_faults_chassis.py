@@ -12,6 +12,7 @@ import pytest
 
 from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config, set_speed
+from tests.vda5050.chassis_events import received
 from tests.vda5050.conftest import EXEC, ORDER, Site, scene_with_start
 from tests.vda5050.master import (
     START,
@@ -27,11 +28,12 @@ from tests.vda5050.master import (
     status_of,
 )
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.ros import action_pb2
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosSuccess
-from woosh_robot_agent.pb.util import robot_pb2
+from woosh_robot_agent.pb.util import robot_pb2, task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
@@ -253,6 +255,32 @@ async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
         state = await master.wait_state(lambda state: not state["driving"])
         assert nodes_left(state) == "b"
     assert site.chassis.state.pose.x < 7.9
+    assert site.chassis.counts[EXEC] == 1
+
+
+async def test_no_action_begins_a_task_while_one_that_began_too_late_is_cancelled(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(tasks, monkeypatch)
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    async with site.online() as master:
+        show = hide_tasks(site.chassis)
+        set_speed(site.chassis, 0.001)
+        master.instant(action("startCharging", "late"))
+        await master.status("late", "FAILED")
+        site.chassis.refuse(ORDER, "Request failed")
+        show()
+        (late,) = received(site.chassis, ExecTask)
+        report = TaskProc(robot_task_id=late.task_id, state=task_pb2.kExecuting)
+        site.chassis.call(lambda each: each.chassis.emit(report))
+        await eventually(lambda: site.chassis.counts[ORDER])
+        master.instant(action("startCharging", "next"))
+        await master.status("next", "FAILED")
+        site.chassis.clear_faults()
+        set_speed(site.chassis, 20.0)
+        await site.idle()
+        assert not master.state["batteryState"]["charging"]
     assert site.chassis.counts[EXEC] == 1
 
 

@@ -171,6 +171,11 @@ class TaskRunner:
         return self._controller.paused
 
     @property
+    def is_late(self) -> bool:
+        """True while the current task is one that was given up; it is being cancelled."""
+        return self.id == self._given_up != 0
+
+    @property
     def stays_paused(self) -> bool:
         """True while the task is paused, and no resumption was sent that may still take effect."""
         return self._controller.stays_paused
@@ -470,7 +475,7 @@ class ActionTasks:
         Raises:
             ActionFailedError: the task failed; of kind INTERRUPTED if its outcome is unknown.
         """
-        if self._end is not None:
+        if self._end is not None or self._task.is_late:
             raise ActionFailedError(_OTHER_ACTION())
         end: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self._end, self._report = end, report
