@@ -177,6 +177,18 @@ async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(site: Site) -> Non
     assert [each.direction for each in tasks] == [0, task.kFeeding, 0, task.kCutting]
 
 
+async def test_actions_that_are_tasks_of_the_robot_wait_for_each_other(site: Site) -> None:
+    async with site.online() as master:
+        master.order([node("a", 0, *START), node("b", 2, 2.0, -7.0)])
+        await master.reached("b")
+        names = ("pick", "drop")
+        work = [action(each, each, blocking="SOFT", stationName="U5") for each in names]
+        master.order([node("b", 0, 2.0, -7.0, actions=work)], order_id="second")
+        ended = await master.status("drop", "FINISHED")
+        assert status_of(ended, "pick") == "FINISHED"
+    assert commands(site.chassis) == ["drive", "carry U5", "carry U5"]
+
+
 async def test_the_robots_own_actions(site: Site) -> None:
     async with site.online() as master:
         before = site.chassis.state.pose

@@ -269,6 +269,8 @@ async def test_no_action_begins_a_task_while_one_that_began_too_late_is_cancelle
         set_speed(site.chassis, 0.001)
         master.instant(action("startCharging", "late"))
         await master.status("late", "FAILED")
+        site.chassis.call(lambda simulator: simulator.chassis.tasks.pause("it stands"))
+        set_speed(site.chassis, 20.0)
         site.chassis.refuse(ORDER, "Request failed")
         show()
         (late,) = received(site.chassis, ExecTask)
@@ -276,12 +278,11 @@ async def test_no_action_begins_a_task_while_one_that_began_too_late_is_cancelle
         site.chassis.call(lambda each: each.chassis.emit(report))
         await eventually(lambda: site.chassis.counts[ORDER])
         master.instant(action("startCharging", "next"))
-        await master.status("next", "FAILED")
+        await master.status("next", "INITIALIZING")
+        await eventually(lambda: site.chassis.counts[ORDER] > 1)
+        assert site.chassis.counts[EXEC] == 1
         site.chassis.clear_faults()
-        set_speed(site.chassis, 20.0)
-        await site.idle()
-        assert not master.state["batteryState"]["charging"]
-    assert site.chassis.counts[EXEC] == 1
+        await master.status("next", "FINISHED")
 
 
 def hide_actions(chassis: SimulatorThread, answer: Feedbacks, *, pushes: bool = True) -> None:

@@ -106,6 +106,13 @@ class Run:
         while execution.pause_wanted:  # the next pause may come before this coroutine goes on
             await self.link.conditions.wait(lambda: not execution.pause_wanted)
 
+    async def wait_for_tasks(self) -> None:
+        """Wait for the end of another action's task: the robot executes one at a time."""
+        tasks = self.execution.tasks
+        while tasks.is_busy:
+            await self.link.conditions.wait(lambda: not tasks.is_busy)
+            await self.wait_until_resumed()
+
     def require_near(self, mark: str) -> None:
         """Check that the robot stands at a mark, or so near that it only has to dock.
 

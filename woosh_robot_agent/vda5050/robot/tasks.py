@@ -414,6 +414,11 @@ class ActionTasks:
         return self._task.id if self._end is not None else 0
 
     @property
+    def is_busy(self) -> bool:
+        """True while an action waits for a task, or one that began too late is cancelled."""
+        return self._end is not None or self._task.is_late
+
+    @property
     def confirmed(self) -> bool:
         """True once the robot has reported on the task over the current link."""
         return self._task.confirmed
@@ -475,7 +480,7 @@ class ActionTasks:
         Raises:
             ActionFailedError: the task failed; of kind INTERRUPTED if its outcome is unknown.
         """
-        if self._end is not None or self._task.is_late:
+        if self.is_busy:
             raise ActionFailedError(_OTHER_ACTION())
         end: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self._end, self._report = end, report
