@@ -107,10 +107,13 @@ class Run:
             await self.link.conditions.wait(lambda: not execution.pause_wanted)
 
     async def wait_for_tasks(self) -> None:
-        """Wait for the end of another action's task: the robot executes one at a time."""
-        tasks = self.execution.tasks
-        while tasks.is_busy:
-            await self.link.conditions.wait(lambda: not tasks.is_busy)
+        """Wait until the robot has left its last task: it executes one at a time."""
+
+        def may_start() -> bool:
+            return not (self.execution.tasks.is_busy or self.execution.is_leaving_task)
+
+        while not may_start():
+            await self.link.conditions.wait(may_start)
             await self.wait_until_resumed()
 
     def require_near(self, mark: str) -> None:

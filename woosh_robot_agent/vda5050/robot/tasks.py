@@ -109,6 +109,8 @@ _ASK_EVERY = 1.0
 """Pause between two queries about a task, in seconds."""
 _CHECK_EVERY = 5.0
 """Time after which the robot is asked about a task, in case a report was lost, in seconds."""
+_LEAVES_WITHIN = 3.0
+"""Maximum time from the end of a task until the robot reports that it has left it, in seconds."""
 _THE_TASK = Sentence("the task")
 _RESTARTED = Sentence("the connector was restarted before it sent the task")
 _OTHER_ACTION = Sentence("the robot executes the task of another action")
@@ -145,6 +147,7 @@ class TaskRunner:
         foreign_id: id of the task that the robot executes, if it is not the current task of this
             runner; otherwise 0.
         confirmed: True once the robot has reported on the current task over the current link.
+        leaves_until: loop time until which the robot may not have left its last task yet.
     """
 
     def __init__(
@@ -160,6 +163,7 @@ class TaskRunner:
         """Id of the last task that the robot did not know any more; 0 without one."""
         self.foreign_id = 0
         self.confirmed = False
+        self.leaves_until = -math.inf
         self._controller = self._new_controller()
         link.chassis.subscribe(TaskProc, self._reported)
         link.chassis.on_snapshot(self._snapshot)
@@ -384,6 +388,9 @@ class TaskRunner:
             if reason == _UNKNOWN_TASK:
                 self._given_up = task_id
             self._set_current(0)
+            loop = asyncio.get_running_loop()
+            self.leaves_until = loop.time() + _LEAVES_WITHIN
+            loop.call_at(self.leaves_until, self._link.changed)
             self._on_end(reason)
 
 
@@ -407,6 +414,11 @@ class ActionTasks:
     def id(self) -> int:
         """Id of the task that the robot executes for an action; 0 without a task."""
         return self._task.id
+
+    @property
+    def leaves_until(self) -> float:
+        """Loop time until which the robot may not have left its last task yet."""
+        return self._task.leaves_until
 
     @property
     def awaited_id(self) -> int:
