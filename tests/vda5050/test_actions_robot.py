@@ -286,7 +286,8 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
         set_speed(site.chassis, 20.0)
         master.instant(action("cancelOrder", "cancel"))
         await master.status("cancel", "FINISHED")
-    assert commands(site.chassis) == ["step_control execute"]
+    assert commands(site.chassis) == ["step_control execute", "step_control cancel"]
+    assert site.chassis.state.pose.x < START[0] + 0.5
 
 
 async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:

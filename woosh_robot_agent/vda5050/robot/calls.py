@@ -383,6 +383,11 @@ class RobotCalls:
             try:
                 await self._link.wait_ready()
                 await self._link.ask(Feedbacks(), tap=take_answer)
+                if not (is_known or call.ended.done()) and clock() > deadline:
+                    call.outcome_unknown = True
+                    call.end(_UNKNOWN())
+                    if name in _MOVES_BASE:  # it may still move the robot
+                        await self._link.command(call.request(action_pb2.kCancel))
             except LinkError as error:
                 _LOG.debug("reports on %s: %s", call.name, error)
                 if not self._link.ready:
@@ -390,10 +395,6 @@ class RobotCalls:
                 deadline = math.inf  # the robot has the full time again once it answers
             else:
                 if is_known:
-                    return
-                if clock() > deadline:
-                    call.outcome_unknown = True
-                    call.end(_UNKNOWN())
                     return
                 # an action that has just begun may not be in the answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)
