@@ -353,7 +353,9 @@ async def test_the_end_of_an_action_before_the_start_of_the_vehicle_ends_no_acti
         command.steps.add(mode=StepControl.Step.kStraight, value=0.2)
         await other.request(CallAction(step_control=command))
         actions = site.chassis.call(lambda simulator: simulator.chassis.actions)
-        await eventually(lambda: actions.last[full_name(StepControl)].state == kRosSuccess)
+        await eventually(
+            lambda: kRosSuccess in [each.state for each in list(actions.last.values())]
+        )
     async with site.online() as master:
         hide_actions(site.chassis, Feedbacks(fbs=actions.last.values()))
         master.instant(action("step", "step", distance=1.0, speed=0.02))
