@@ -190,9 +190,10 @@ class Execution:
     @property
     def is_leaving_task(self) -> bool:
         """True from the end of a task until the robot leaves it: it may refuse another one."""
+        if self.drive.id or self.tasks.id or self.robot.info is None:
+            return False
+        is_in_task = self.robot.info.state in (robot.kTask, robot.kParking)
         now = asyncio.get_running_loop().time()
-        info = self.robot.info
-        is_in_task = info is not None and info.state in (robot.kTask, robot.kParking)
         return is_in_task and now < max(self.drive.leaves_until, self.tasks.leaves_until)
 
     @property
