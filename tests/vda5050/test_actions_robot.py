@@ -19,7 +19,7 @@ from tests.vda5050.test_orders_instant import SCOPES
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -80,6 +80,33 @@ async def test_charging_ends_although_the_robot_has_just_confirmed_it(
             stopped = await master.status("stop", "FINISHED")
             assert not stopped["batteryState"]["charging"]
             assert commands(chassis)[2:] == ["cancel", "charge_control execute"]
+
+
+async def test_the_next_drive_begins_when_the_robot_has_left_its_task(
+    broker: Mosquitto, recorder: Recorder
+) -> None:
+    states: list[int] = []
+
+    def record(out: Outgoing) -> list[Outgoing]:
+        if isinstance(out.body, RobotState):
+            states.append(out.body.state)
+        elif isinstance(out.body, TaskProc) and out.body.state == task.kCompleted:
+            simulator.speed = 0.2  # the robot leaves its task 25 to 100 ms later
+        return [out]
+
+    # a robot of this profile leaves its task some milliseconds after its end
+    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200", speed=20)
+    with SimulatorThread(config) as chassis:
+        simulator = chassis.call(lambda simulator: simulator)
+        chassis.intercept(record)
+        async with Site(chassis, broker, recorder).online() as master:
+            x, y = START
+            stop = node("b", 2, x + 0.5, y, theta=0.0, allowedDeviationTheta=0.1)
+            master.order([node("a", 0, x, y), stop, node("c", 4, x + 1.0, y)])
+            await eventually(lambda: len(received(chassis, ExecTask)) == 2)
+            set_speed(chassis, 20.0)
+            await master.reached("c")
+    assert states[:3] == [robot_pb2.kTask, robot_pb2.kIdle, robot_pb2.kTask]
 
 
 async def test_a_robot_that_was_taken_from_its_charger_without_a_link_does_not_go_on(
@@ -177,6 +204,18 @@ async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(site: Site) -> Non
     assert [each.direction for each in tasks] == [0, task.kFeeding, 0, task.kCutting]
 
 
+async def test_actions_that_are_tasks_of_the_robot_wait_for_each_other(site: Site) -> None:
+    async with site.online() as master:
+        master.order([node("a", 0, *START), node("b", 2, 2.0, -7.0)])
+        await master.reached("b")
+        names = ("pick", "drop")
+        work = [action(each, each, blocking="SOFT", stationName="U5") for each in names]
+        master.order([node("b", 0, 2.0, -7.0, actions=work)], order_id="second")
+        ended = await master.status("drop", "FINISHED")
+        assert status_of(ended, "pick") == "FINISHED"
+    assert commands(site.chassis) == ["drive", "carry U5", "carry U5"]
+
+
 async def test_the_robots_own_actions(site: Site) -> None:
     async with site.online() as master:
         before = site.chassis.state.pose
@@ -247,7 +286,8 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
         set_speed(site.chassis, 20.0)
         master.instant(action("cancelOrder", "cancel"))
         await master.status("cancel", "FINISHED")
-    assert commands(site.chassis) == ["step_control execute"]
+    assert commands(site.chassis) == ["step_control execute", "step_control cancel"]
+    assert site.chassis.state.pose.x < START[0] + 0.5
 
 
 async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -13,6 +12,7 @@ import pytest
 
 from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config, set_speed
+from tests.vda5050.chassis_events import received
 from tests.vda5050.conftest import EXEC, ORDER, Site, scene_with_start
 from tests.vda5050.master import (
     START,
@@ -28,16 +28,19 @@ from tests.vda5050.master import (
     status_of,
 )
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
-from woosh_robot_agent.pb.ros import ros_pack_pb2
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
+from woosh_robot_agent.pb.ros import action_pb2
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosSuccess
+from woosh_robot_agent.pb.util import robot_pb2, task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.robot import calls, tasks
 from woosh_robot_agent.vda5050.robot.link import Timing
 
+FEEDBACKS = "woosh.ros.Feedbacks"
 SPEAK = "woosh.robot.Speak"
 SCENE_DATA = "woosh.map.SceneData"
 NEW = 30002
@@ -180,10 +183,12 @@ def hide_tasks(chassis: SimulatorThread, *, pushes: bool = True) -> Callable[[],
     """Let a chassis tell nothing of its tasks; return a function that ends this.
 
     Args:
-        pushes: False if its pushes still tell of them.
+        pushes: False if its pushes still tell of them, and its state that it executes a task.
     """
 
     def without_tasks(frame: Outgoing) -> list[Outgoing]:
+        if isinstance(frame.body, RobotInfo | RobotState) and pushes:
+            frame.body.state = robot_pb2.kIdle
         if isinstance(frame.body, RobotInfo):
             frame.body.ClearField("task_proc")
         elif isinstance(frame.body, TaskProc | TaskHistory) and frame.is_answer:
@@ -224,12 +229,10 @@ async def test_a_task_of_which_only_pushes_tell_goes_on(
 ) -> None:
     shorten(tasks, monkeypatch)
     async with site.online() as master:
-        show = hide_tasks(site.chassis, pushes=False)
-        await site.drive(master, then=0.3)
-        for _ in range(20):
-            await asyncio.sleep(0.1)
-            site.chassis.call(lambda each: each.chassis.emit(each.chassis.tasks.reported))
-        show()
+        hide_tasks(site.chassis, pushes=False)
+        await site.drive(master, then=0.02)
+        asked = site.chassis.counts[full_name(TaskHistory)]
+        await eventually(lambda: site.chassis.counts[full_name(TaskHistory)] > asked + 10)
         set_speed(site.chassis, 20.0)
         ended = await master.reached("b")
         assert ended["errors"] == []
@@ -253,6 +256,33 @@ async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
         assert nodes_left(state) == "b"
     assert site.chassis.state.pose.x < 7.9
     assert site.chassis.counts[EXEC] == 1
+
+
+async def test_no_action_begins_a_task_while_one_that_began_too_late_is_cancelled(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(tasks, monkeypatch)
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    async with site.online() as master:
+        show = hide_tasks(site.chassis)
+        set_speed(site.chassis, 0.001)
+        master.instant(action("startCharging", "late"))
+        await master.status("late", "FAILED")
+        site.chassis.call(lambda simulator: simulator.chassis.tasks.pause("it stands"))
+        set_speed(site.chassis, 20.0)
+        site.chassis.refuse(ORDER, "Request failed")
+        show()
+        (late,) = received(site.chassis, ExecTask)
+        report = TaskProc(robot_task_id=late.task_id, state=task_pb2.kExecuting)
+        site.chassis.call(lambda each: each.chassis.emit(report))
+        await eventually(lambda: site.chassis.counts[ORDER])
+        master.instant(action("startCharging", "next"))
+        await master.status("next", "INITIALIZING")
+        await eventually(lambda: site.chassis.counts[ORDER] > 1)
+        assert site.chassis.counts[EXEC] == 1
+        site.chassis.clear_faults()
+        await master.status("next", "FINISHED")
 
 
 def hide_actions(chassis: SimulatorThread, answer: Feedbacks, *, pushes: bool = True) -> None:
@@ -281,6 +311,8 @@ async def test_an_action_that_the_robot_drops_without_a_report_fails(
             hide_actions(site.chassis, Feedbacks())
         master.instant(action("step", "step", distance=1.0, speed=0.02))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        if begun:  # it knows the action when it is asked
+            await eventually(lambda: site.chassis.counts[FEEDBACKS] > 1)
         hide_actions(site.chassis, Feedbacks())
         state = await master.status("step", "FAILED")
         assert "does not tell how it ended" in result_of(state, "step")
@@ -293,13 +325,8 @@ async def test_an_action_of_which_only_pushes_tell_goes_on(
     async with site.online() as master:
         hide_actions(site.chassis, Feedbacks(), pushes=False)
         set_speed(site.chassis, 1.0)
-        master.instant(action("step", "step", distance=1.0, speed=0.5))
-        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
-        set_speed(site.chassis, 0.3)
-        report = Feedback(action=full_name(StepControl), state=ros_pack_pb2.kRosExecuting)
-        for _ in range(20):
-            await asyncio.sleep(0.1)
-            site.chassis.call(lambda each: each.chassis.emit(Feedbacks(fbs=[report])))
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: site.chassis.counts[FEEDBACKS] > 10)
         assert status_of(master.state, "step") == "RUNNING"
         set_speed(site.chassis, 20.0)
         await master.status("step", "FINISHED")
@@ -315,6 +342,25 @@ async def test_the_end_of_an_earlier_action_does_not_end_the_next_one(site: Site
         await master.status("next", "RUNNING")
         site.chassis.drop()
         await master.status("next", "FAILED")
+
+
+async def test_the_end_of_an_action_before_the_start_of_the_vehicle_ends_no_action(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(calls, monkeypatch)
+    async with site.other_client() as other:
+        command = StepControl(action=action_pb2.kExecute)
+        command.steps.add(mode=StepControl.Step.kStraight, value=0.2)
+        await other.request(CallAction(step_control=command))
+        actions = site.chassis.call(lambda simulator: simulator.chassis.actions)
+        await eventually(
+            lambda: kRosSuccess in [each.state for each in list(actions.last.values())]
+        )
+    async with site.online() as master:
+        hide_actions(site.chassis, Feedbacks(fbs=actions.last.values()))
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: status_of(master.state, "step") in ("FINISHED", "FAILED"))
+        assert "does not tell how it ended" in result_of(master.state, "step")
 
 
 async def test_a_cancel_is_repeated_until_the_robot_obeys(site: Site) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import replace
 
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import SpeedLimiter
+from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.vda5050.messages.factsheet import STANDSTILL, ActionTypes
@@ -184,6 +186,15 @@ class Execution:
         if foreign_id := self.drive.foreign_id:
             return foreign_id != own_id  # for `drive`, the task of an action is foreign too
         return bool(self.link.gate.reported_owner) and not own_id and not self.calls.moves_base
+
+    @property
+    def is_leaving_task(self) -> bool:
+        """True from the end of a task until the robot leaves it: it may refuse another one."""
+        if self.drive.id or self.tasks.id or self.robot.info is None:
+            return False
+        is_in_task = self.robot.info.state in (robot.kTask, robot.kParking)
+        now = asyncio.get_running_loop().time()
+        return is_in_task and now < max(self.drive.leaves_until, self.tasks.leaves_until)
 
     @property
     def _may_be_moved_by_action(self) -> bool:
@@ -391,7 +402,7 @@ class Execution:
             and not (self.tasks.id or self.drive.id)
         )
         return self.order.poll(
-            may_drive=may_drive and not self._must_wait,
+            may_drive=may_drive and not (self._must_wait or self.is_leaving_task),
             # cancelOrder itself empties the order, so that both end in the same state message
             may_empty=not self.has_own_motion and not self.instant.runs(CANCEL_ORDER),
         )

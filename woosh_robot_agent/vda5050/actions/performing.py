@@ -106,6 +106,16 @@ class Run:
         while execution.pause_wanted:  # the next pause may come before this coroutine goes on
             await self.link.conditions.wait(lambda: not execution.pause_wanted)
 
+    async def wait_for_tasks(self) -> None:
+        """Wait until the robot has left its last task: it executes one at a time."""
+
+        def may_start() -> bool:
+            return not (self.execution.tasks.is_busy or self.execution.is_leaving_task)
+
+        while not may_start():
+            await self.link.conditions.wait(may_start)
+            await self.wait_until_resumed()
+
     def require_near(self, mark: str) -> None:
         """Check that the robot stands at a mark, or so near that it only has to dock.
 

@@ -62,6 +62,7 @@ _CHARGE_TIMEOUT = 30.0
 async def start_charging(run: Run) -> None:
     """Dock at a charger and charge, by a task of the robot that continues after this action."""
     robot = run.execution.robot
+    await run.wait_for_tasks()
     if robot.is_charging:
         return
     run.require_not_driving_order()
@@ -177,6 +178,7 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
     mark = run.given.get(_STATION)
     if mark is None:
         return await run.call(lift)
+    await run.wait_for_tasks()
     run.require_not_driving_order()
     run.require_near(mark)
     request = ExecTask(type=task.kCarry, direction=direction, mark_no=mark)

@@ -77,7 +77,6 @@ class _Call:
         accepted: True if the robot has accepted the start.
         reported: True if the robot has reported the action as executing or paused over the current
             link.
-        reported_at: loop time of the last such report, over any link; else minus infinity.
         cannot_pause: True if the robot could not pause the action, which does not move the base.
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
@@ -95,7 +94,6 @@ class _Call:
         self.report = report
         self.accepted = False
         self.reported = False
-        self.reported_at = -math.inf
         self.cannot_pause = False
         self.outcome_unknown = False
         self.is_leftover = False
@@ -136,6 +134,8 @@ class RobotCalls:
         self._ends: dict[str, Feedback] = {}
         """Last reports on actions that have ended, by the full name of the command, until the next
         one of the kind is reported. The robot repeats them when it is asked."""
+        self._answers_queries = False
+        """True once the robot has named an action when it was asked."""
         link.chassis.subscribe(Feedbacks, self._reported)
         link.chassis.on_snapshot(self._snapshot)
         link.chassis.on_state(self._link_changed)
@@ -286,8 +286,6 @@ class RobotCalls:
 
     def _handle_report(self, call: _Call, report: Feedback) -> None:
         """Update an action from a report."""
-        if report.state in (ros_pack_pb2.kRosExecuting, ros_pack_pb2.kRosPause):
-            call.reported_at = asyncio.get_running_loop().time()
         if report.state == ros_pack_pb2.kRosExecuting:
             if not (call.accepted or call.reported):
                 call.report(ActionStatus.RUNNING)
@@ -328,9 +326,23 @@ class RobotCalls:
         self._link.changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        """Ask for the states of the actions after a reconnect."""
+        """Ask for the states of the actions after a reconnect, and for the ends of earlier ones."""
+        self._link.background.start_once(self._learn_ends, self)
         for call in self._calls.values():
             self._ask_about(call)
+
+    async def _learn_ends(self) -> None:
+        """Ask for the ends of actions that have ended without a report over this link."""
+
+        def take_answer(answer: Answer) -> None:
+            if isinstance(answer.body, Feedbacks):
+                self._note_ends(each for each in answer.body.fbs if each.action not in self._calls)
+
+        try:
+            await self._link.wait_ready()
+            await self._link.ask(Feedbacks(), tap=take_answer)
+        except LinkError as error:
+            _LOG.debug("no answer about earlier actions: %s", error)
 
     def _link_changed(self, state: LinkState) -> None:
         for call in self._calls.values():
@@ -355,15 +367,15 @@ class RobotCalls:
 
     async def _ask(self, call: _Call) -> None:
         clock = asyncio.get_running_loop().time
-        name, is_known = full_name(call.command), False
-        began, deadline = clock(), math.inf
+        name, deadline, is_known = full_name(call.command), math.inf, False
 
         def take_answer(answer: Answer) -> None:
             nonlocal is_known
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
             mine = [each for each in reports if each.action == name]
-            # a robot that refuses queries may report on the action nevertheless
-            is_known = call.reported and not answer.ok
+            self._answers_queries = self._answers_queries or bool(reports)
+            # a robot that does not answer queries may report on the action nevertheless
+            is_known = call.reported and not (answer.ok and self._answers_queries)
             if mine and mine[-1] != self._ends.get(name):
                 self._handle_report(call, mine[-1])
                 # if nothing shows that this call has begun, a reported end is of an earlier call
@@ -374,6 +386,11 @@ class RobotCalls:
             try:
                 await self._link.wait_ready()
                 await self._link.ask(Feedbacks(), tap=take_answer)
+                if not (is_known or call.ended.done()) and clock() > deadline:
+                    call.outcome_unknown = True
+                    call.end(_UNKNOWN())
+                    if name in _MOVES_BASE:  # it may still move the robot
+                        await self._link.command(call.request(action_pb2.kCancel))
             except LinkError as error:
                 _LOG.debug("reports on %s: %s", call.name, error)
                 if not self._link.ready:
@@ -381,11 +398,6 @@ class RobotCalls:
                 deadline = math.inf  # the robot has the full time again once it answers
             else:
                 if is_known:
-                    return
-                if clock() > deadline:
-                    if call.reported_at < began:  # else only its pushes tell of the action
-                        call.outcome_unknown = True
-                        call.end(_UNKNOWN())
                     return
                 # an action that has just begun may not be in the answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)

@@ -20,6 +20,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.pb.util.navigation_pb2 import PlanPath
@@ -108,6 +109,8 @@ _ASK_EVERY = 1.0
 """Pause between two queries about a task, in seconds."""
 _CHECK_EVERY = 5.0
 """Time after which the robot is asked about a task, in case a report was lost, in seconds."""
+_LEAVES_WITHIN = 3.0
+"""Maximum time from the end of a task until the robot reports that it has left it, in seconds."""
 _THE_TASK = Sentence("the task")
 _RESTARTED = Sentence("the connector was restarted before it sent the task")
 _OTHER_ACTION = Sentence("the robot executes the task of another action")
@@ -144,6 +147,7 @@ class TaskRunner:
         foreign_id: id of the task that the robot executes, if it is not the current task of this
             runner; otherwise 0.
         confirmed: True once the robot has reported on the current task over the current link.
+        leaves_until: loop time until which the robot may not have left its last task yet.
     """
 
     def __init__(
@@ -159,8 +163,7 @@ class TaskRunner:
         """Id of the last task that the robot did not know any more; 0 without one."""
         self.foreign_id = 0
         self.confirmed = False
-        self._reported_at = -math.inf
-        """Loop time of the last report on a current task."""
+        self.leaves_until = -math.inf
         self._controller = self._new_controller()
         link.chassis.subscribe(TaskProc, self._reported)
         link.chassis.on_snapshot(self._snapshot)
@@ -170,6 +173,11 @@ class TaskRunner:
     def paused(self) -> bool:
         """True while the task is paused, by the last report of the robot."""
         return self._controller.paused
+
+    @property
+    def is_late(self) -> bool:
+        """True while the current task is one that was given up; it is being cancelled."""
+        return self.id == self._given_up != 0
 
     @property
     def stays_paused(self) -> bool:
@@ -268,7 +276,6 @@ class TaskRunner:
 
     def _handle_report(self, report: TaskProc) -> None:
         """Update the current task from a report."""
-        self._reported_at = asyncio.get_running_loop().time()
         if not self.confirmed:
             self.confirmed = True
             self._controller.send_now()  # the robot may have refused a command before it began
@@ -310,7 +317,7 @@ class TaskRunner:
         End the task if the robot answers for `_REPORT_AFTER`, but knows nothing of it.
         """
         clock = asyncio.get_running_loop().time
-        began, deadline = clock(), math.inf
+        deadline = math.inf
         while task_id == self.id:
             try:
                 await self._link.chassis.wait_ready(_ASK_EVERY)
@@ -319,14 +326,14 @@ class TaskRunner:
                     return
                 if is_current is None and self.confirmed:
                     return  # the robot refuses queries, but reports on the task
+                if clock() > deadline:
+                    if not await self._executes_unnamed_task():
+                        self._end(task_id, _UNKNOWN_TASK)
+                    return
             except LinkError as error:
                 _LOG.debug("no answer about task %d: %s", task_id, error)
                 deadline = math.inf  # the robot has the full time again once it answers
             else:
-                if clock() > deadline:
-                    if self._reported_at < began:  # else only its pushes tell of the task
-                        self._end(task_id, _UNKNOWN_TASK)
-                    return
                 # a task that has just begun may be in neither answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)
@@ -369,6 +376,12 @@ class TaskRunner:
         answer = await self._link.ask(TaskHistory(), tap=take_answer)
         return end_of(answer) is not None
 
+    async def _executes_unnamed_task(self) -> bool:
+        """Return True if the robot tells that it executes a task, but not which one."""
+        answer = await self._link.ask(RobotInfo())
+        state = answer.body.state if isinstance(answer.body, RobotInfo) else None
+        return state in (robot.kTask, robot.kParking) and not self.foreign_id
+
     def _link_changed(self, state: LinkState) -> None:
         self._controller.send_now()
         if state is not LinkState.READY:
@@ -380,6 +393,9 @@ class TaskRunner:
             if reason == _UNKNOWN_TASK:
                 self._given_up = task_id
             self._set_current(0)
+            loop = asyncio.get_running_loop()
+            self.leaves_until = loop.time() + _LEAVES_WITHIN
+            loop.call_at(self.leaves_until, self._link.changed)
             self._on_end(reason)
 
 
@@ -405,9 +421,19 @@ class ActionTasks:
         return self._task.id
 
     @property
+    def leaves_until(self) -> float:
+        """Loop time until which the robot may not have left its last task yet."""
+        return self._task.leaves_until
+
+    @property
     def awaited_id(self) -> int:
         """Id of the task that an action waits for; 0 without one."""
         return self._task.id if self._end is not None else 0
+
+    @property
+    def is_busy(self) -> bool:
+        """True while an action waits for a task, or one that began too late is cancelled."""
+        return self._end is not None or self._task.is_late
 
     @property
     def confirmed(self) -> bool:
@@ -471,7 +497,7 @@ class ActionTasks:
         Raises:
             ActionFailedError: the task failed; of kind INTERRUPTED if its outcome is unknown.
         """
-        if self._end is not None:
+        if self.is_busy:
             raise ActionFailedError(_OTHER_ACTION())
         end: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self._end, self._report = end, report
