@@ -21,6 +21,7 @@ from tests.tools.dashboard.pages import (
     dashboard,
     delayed,
     is_driving,
+    is_emergency_stopped,
     is_stopped_by_zero,
     last,
     page,
@@ -448,7 +449,7 @@ async def test_a_refused_velocity_has_the_words_of_the_robot_and_the_reason() ->
     with SimulatorThread(quick_config(port=0, tcp_port=0, profile="tr200")) as chassis:
         async with controlled(chassis) as viewer:
             chassis.set_emergency_stop(True)
-            await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
+            await viewer.until(is_emergency_stopped)
             words = "State not allow to twist (the emergency stop is pressed"
             # on a busy machine, a velocity may also be too slow, or its answer
             async with viewer.holds(0.3):

@@ -116,7 +116,7 @@ async def test_a_jump_of_the_robots_clock_moves_no_earlier_message(
         (before,) = await viewer.until(lambda parts: parts["codes"])
         chassis.inject("clock_jump", by=3600)
         chassis.set_emergency_stop(False)
-        await viewer.until(lambda parts: not parts["robot"]["emergencyStop"])
+        await viewer.until(lambda parts: not parts["robot"]["objections"])
         chassis.set_emergency_stop(True)
         newest, *_, oldest = await viewer.until(
             lambda parts: len(parts["codes"]) > 1 and parts["codes"]
