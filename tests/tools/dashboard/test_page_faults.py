@@ -28,6 +28,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import server
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -480,6 +481,23 @@ def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
     assert stops == [1, 0]
     eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
     assert window.script("store.alarms.value.size") == 0
+
+
+def test_a_page_of_an_older_dashboard_asks_to_be_reloaded(
+    robot: SimulatedPage, browser: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = server._page_files()
+    robot.restart_page()
+    eventually(lambda: browser.script("store.you.value && !store.outdated.value"), "the page")
+    assert browser.text("#notice") == ""
+    changed = {**files, "/main.js": (files["/main.js"][0] + b"// changed", "text/javascript")}
+    monkeypatch.setattr(server, "_page_files", lambda: changed)
+    robot.restart_page()
+    eventually(lambda: "was updated" in browser.text("#notice"), "the notice")
+    browser.press("#notice button")
+    eventually(lambda: browser.script("globalThis.store?.updated.value === false"), "the new page")
+    browser.wait_for_map()
+    assert browser.text("#notice") == ""
 
 
 def test_the_plots_come_with_a_restarted_dashboard(
