@@ -483,6 +483,24 @@ def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
     assert window.script("store.alarms.value.size") == 0
 
 
+def test_two_presses_of_stop_without_a_connection_raise_no_alarm_once_it_is_confirmed(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.script(_DISCONNECT)
+    eventually(lambda: browser.script("store.problem.value"), "the loss")
+    browser.driver.execute_script("""
+      globalThis.most = 0;
+      store.alarms.subscribe(({size}) => (most = Math.max(most, size)));
+      delete connection.connect;
+      for (let each = 0; each < 2; each++) document.querySelector("#stop").click();
+      globalThis.pressedAt = performance.now();
+    """)
+    eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
+    eventually(lambda: browser.script("performance.now() > pressedAt + 3000"), "the timeout")
+    assert browser.script("most") == 0
+    assert "stopped" in browser.text("#answer")
+
+
 def test_a_page_of_an_older_dashboard_asks_to_be_reloaded(
     robot: SimulatedPage, browser: Browser, monkeypatch: pytest.MonkeyPatch
 ) -> None:

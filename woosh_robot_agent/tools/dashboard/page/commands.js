@@ -91,11 +91,17 @@ function setPending(key, on) {
   store.pending.value = keys;
 }
 
+let presses = 0; // of STOP
+const confirmed = /** @type {Map<string, number>} */ (new Map()); // last press that was, by the robot
+
 export async function stop() {
   store.letGo();
   const robot = store.address.value;
   tell(true, { key: "reply.stopping", values: {} }, robot);
+  const press = ++presses;
   const { ok, text } = await connection.stop(robot);
+  if (press < (confirmed.get(robot) ?? 0)) return; // a later press is confirmed
+  if (ok) confirmed.set(robot, press);
   tell(ok, text, robot);
   // the dashboard itself raises the alarm of a stop that the robot has not confirmed
   setUnanswered(robot, ok || text.key === "reply.notStopped" ? "" : text);
