@@ -501,6 +501,17 @@ def test_two_presses_of_stop_without_a_connection_raise_no_alarm_once_it_is_conf
     assert "stopped" in browser.text("#answer")
 
 
+def test_a_stop_just_after_a_sleep_of_the_device_does_not_use_the_old_connection(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.driver.execute_script("""
+      connection.receivedAt -= 60000;
+      connection.socket.send = () => {};
+      document.querySelector("#stop").click();
+    """)
+    eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
+
+
 def test_a_page_of_an_older_dashboard_asks_to_be_reloaded(
     robot: SimulatedPage, browser: Browser, monkeypatch: pytest.MonkeyPatch
 ) -> None:
