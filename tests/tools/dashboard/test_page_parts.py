@@ -301,6 +301,31 @@ async def test_a_large_part_that_changes_faster_than_it_is_sent_comes(
             await viewer.until(lambda parts: parts.pop("large", None))
 
 
+async def test_a_long_history_does_not_delay_a_stop_over_a_slow_connection(
+    chassis: SimulatorThread,
+) -> None:
+    delay = Delay()
+    async with (
+        dashboard(chassis, control=True) as running,
+        delayed(running, delay) as port,
+        page(running, port) as viewer,
+    ):
+        await viewer.ready()
+        running.robots[0]._samples = [
+            [1_700_000_000 + n, 0.123, 93, 1.2, False] for n in range(3000)
+        ]
+        delay.rate = 8e3
+        asking = asyncio.ensure_future(viewer.give("history"))
+        await asyncio.sleep(0.5)
+        await viewer.send(do="visible", visible=False)
+        await viewer.send(do="visible", visible=True)
+        clock = await viewer.until(lambda parts: parts["clock"])
+        assert (await viewer.command_at(clock, "stop"))[0]
+        assert not asking.done()
+        await asking
+        assert len(viewer.data[1]["samples"]) >= 3000
+
+
 async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(
     chassis: SimulatorThread,
 ) -> None:
