@@ -28,6 +28,7 @@ from tests.tools.dashboard.pages import (
     say,
 )
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     LED,
@@ -316,6 +317,20 @@ async def test_over_a_constantly_slow_connection_only_a_stop_reaches_the_robot(
         assert chassis.counts[TWIST] == 0
         assert (await viewer.command_at(viewer.parts["clock"], "stop"))[0]
         assert chassis.counts[TWIST] == 1
+
+
+async def test_a_failed_watchdog_of_the_stick_stops_the_robot_and_is_shown(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(_: VelocityDriver) -> None:
+        await eventually(lambda: is_driving(chassis))
+        raise RuntimeError
+
+    monkeypatch.setattr(VelocityDriver, "run", fail)
+    async with controlled(chassis) as viewer, viewer.holds(0.3):
+        await eventually(lambda: is_driving(chassis))
+        await viewer.until(lambda parts: parts["link"]["state"] == "failed")
+        await eventually(lambda: is_stopped_by_zero(chassis))
 
 
 async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread) -> None:

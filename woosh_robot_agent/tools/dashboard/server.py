@@ -175,7 +175,7 @@ class Dashboard:
         for robot in self.robots:
             robot.start()
         for control in self._controls.values():
-            control.start()
+            control.start().add_done_callback(self._show_failure)
         for work in (
             self._tell_time(),
             self._shared.publish_changes(_PLACES_PERIOD),
@@ -186,7 +186,7 @@ class Dashboard:
             self._tasks.append(task)
 
     def _show_failure(self, task: asyncio.Task[None]) -> None:
-        """Show on the page of each robot that a task of all pages has failed."""
+        """Show on the page of each robot that a task of all pages, or of a stick, has failed."""
         if not task.cancelled() and (error := task.exception()):
             _LOG.error("the page is no longer updated; restart the dashboard", exc_info=error)
             for robot in self.robots:
