@@ -31,6 +31,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     ScannerData,
 )
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import server
 from woosh_robot_agent.tools.dashboard.part_data import (
     lanes_data,
     points_data,
@@ -324,6 +325,21 @@ async def test_a_long_history_does_not_delay_a_stop_over_a_slow_connection(
         assert not asking.done()
         await asking
         assert len(viewer.data[1]["samples"]) >= 3000
+
+
+async def test_a_page_that_is_hidden_while_its_connection_is_full_still_gets_answers(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "_CLOCK_PERIOD", TIMEOUT)
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await viewer.ready()
+        (served,) = running._viewers
+        served._is_writable.clear()
+        await eventually(lambda: served._stale)
+        await viewer.send(do="visible", visible=False)
+        await eventually(lambda: not served.visible)
+        served._is_writable.set()
+        assert (await viewer.command_at(0, "stop"))[0]
 
 
 async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(

@@ -157,14 +157,15 @@ class Viewer:
         try:
             while True:
                 await self._wake.wait()
-                self._wake.clear()
-                while self._notes or self._is_time_due or self._stale:
-                    await self._is_writable.wait()
-                    message = self._next()
-                    if isinstance(message, str):
-                        await self._socket.send_str(message)
-                    else:
-                        await self._socket.send_bytes(message)
+                await self._is_writable.wait()
+                if not (self._notes or self._is_time_due or self._stale):
+                    self._wake.clear()
+                    continue
+                message = self._next()
+                if isinstance(message, str):
+                    await self._socket.send_str(message)
+                else:
+                    await self._socket.send_bytes(message)
         except ConnectionError:
             return
 
