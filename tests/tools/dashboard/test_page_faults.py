@@ -483,6 +483,21 @@ def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
     assert window.script("store.alarms.value.size") == 0
 
 
+def test_a_reloaded_page_shows_and_stops_the_same_robot(
+    chassis: SimulatorThread, other: SimulatorThread, window: Browser
+) -> None:
+    with program(chassis, other) as (_, url):
+        window.open(url)
+        window.press("#robots option:nth-child(2)")
+        eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
+        window.driver.refresh()
+        window.wait_for_map()
+        window.press("#stop")
+        eventually(lambda: "stopped" in window.text("#answer"), "the stop")
+        assert window.script("store.robot.value.id") == 8
+    assert (chassis.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
+
+
 def test_two_presses_of_stop_without_a_connection_raise_no_alarm_once_it_is_confirmed(
     robot: SimulatedPage, browser: Browser
 ) -> None:

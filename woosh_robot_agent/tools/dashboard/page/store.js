@@ -420,7 +420,8 @@ export function receive(name, data) {
       you.value = data.you;
       lostControl.value = !data.control && (lostControl.value || mayControl.value);
       mayControl.value = data.control;
-      const index = data.robots.indexOf(address.value);
+      // a page that was reloaded has the robot in its own address
+      const index = data.robots.indexOf(address.value || location.hash.slice(1));
       if (index !== chosen.value) fleet.value = places.value = []; // their indices belong to the former list of robots
       robots.value = data.robots;
       if (index < 0) choose(0);
