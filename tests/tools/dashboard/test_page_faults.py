@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import signal
 import socket
+import time
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
+from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import set_speed
 from tests.tools.dashboard.browsers import Browser, SimulatedPage, chromium, eventually
 from tests.tools.dashboard.conftest import Serve
@@ -24,9 +27,12 @@ from tests.tools.dashboard.pages import (
     page,
     program,
 )
+from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import server
 
@@ -189,6 +195,34 @@ def test_an_alarm_is_not_ended_by_what_was_seen_before_the_loss(
     browser.script("delete connection.connect && void connection.connect()")
     eventually(lambda: browser.script("store.pose.value.linear > 0.1"), "the drive in the page")
     assert browser.text("#alarm")
+
+
+def test_an_alarm_is_not_ended_while_the_robot_moves_sideways(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    set_speed(robot, 1.0)
+
+    async def step() -> None:
+        async with ChassisClient(config=LinkConfig("127.0.0.1", robot.port)) as other:
+            sideways = StepControl.Step(mode=StepControl.Step.kLateral, value=4.0, speed=0.3)
+            request = StepControl(action=kExecute, steps=[sideways])
+            assert (await other.request(CallAction(step_control=request))).ok
+
+    asyncio.run(step())
+    eventually(lambda: robot.state.velocity.left > 0.1, "the step")
+    for refused in (CallAction, Twist):
+        robot.refuse(full_name(refused), "the program of the robot hangs")
+    browser.script("""(connection.stop = () => Promise.resolve(
+      {ok: false, text: {key: "reason.noAnswer", values: {}}}))""")
+    stop = robot.begin(robot.enter(page(robot.url)).command("stop"))
+    assert not stop.result(TIMEOUT)[0]
+    browser.press("#stop")
+    both = "[store.unanswered.value.size, store.fleet.value[0].alarm !== '']"
+    eventually(lambda: browser.script(both) == [1, True], "both alarms")
+    time.sleep(3.0)
+    assert robot.state.velocity.left > 0.1
+    assert browser.script(both) == [1, True]
+    eventually(lambda: not browser.text("#alarm"), "the end of the step")
 
 
 def test_a_page_whose_address_is_no_longer_valid_says_so(
