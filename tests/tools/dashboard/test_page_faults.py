@@ -290,8 +290,10 @@ def test_a_page_appears_without_storage_and_once_its_texts_can_be_loaded(
     tried = "performance.getEntriesByType('resource').some(({name}) => name.endsWith('en.json'))"
     eventually(lambda: window.script(tried), "the attempt")
     assert not window.script("document.querySelector('#stop')")
+    assert "Loading" in window.text("body")
     window.send("Network.setBlockedURLs", urls=[])
     window.wait_for_map()
+    assert "Loading" not in window.text("body")
     window.press("#stop")
     eventually(lambda: "stopped" in window.text("#answer"), "the stop")
 

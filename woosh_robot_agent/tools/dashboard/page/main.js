@@ -27,6 +27,7 @@ function App() {
 
 startTheme();
 await startLanguage();
+document.body.replaceChildren(); // ends the text that the page is being loaded
 render(html`<${App} />`, document.body);
 
 effect(() => {
