@@ -58,13 +58,21 @@ class SimulatedPage(SimulatorThread):
 
     def __enter__(self) -> SimulatedPage:
         super().__enter__()
-        simulator = self.call(lambda simulator: simulator)
-        self.url = self.enter(dashboard_beside(simulator, 0))
+        self._open_page(0)
         return self
 
     def __exit__(self, *error: object) -> None:
         self.run(self._contexts.aclose())
         super().__exit__(*error)
+
+    def _open_page(self, port: int) -> None:
+        simulator = self.call(lambda simulator: simulator)
+        self.url = self.enter(dashboard_beside(simulator, port))
+
+    def restart_page(self) -> None:
+        """End the dashboard, and start another one at the same port."""
+        self.run(self._contexts.aclose())
+        self._open_page(urlsplit(self.url).port or 0)
 
     def begin(self, work: Coroutine[Any, Any, T]) -> Future[T]:
         """Start a coroutine in the thread of the simulator."""

@@ -120,6 +120,10 @@ def last(chassis: SimulatorThread, cls: Any) -> Any:
     return chassis.last(full_name(cls))
 
 
+def is_emergency_stopped(parts: dict[str, Any]) -> bool:
+    return bool(parts["robot"]["objections"][0]["name"] == "emergency_stop")
+
+
 def is_driving(chassis: SimulatorThread) -> bool:
     return chassis.state.velocity.forward > 0.05
 

@@ -15,7 +15,7 @@ import pytest
 
 from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import Page, page
+from tests.tools.dashboard.pages import Page, is_emergency_stopped, page
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 
@@ -47,11 +47,11 @@ async def test_an_obstacle_is_put_and_removed() -> None:
 async def test_faults_begin_and_end() -> None:
     async with page_beside() as (simulator, viewer):
         await viewer.give("fault", text="emergency_stop")
-        await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
+        await viewer.until(is_emergency_stopped)
         await viewer.give("fault", text="key_switch")
         await viewer.until(lambda parts: parts["robot"]["control"] == "manual")
         await viewer.give("clearFaults")
-        await viewer.until(lambda parts: not parts["robot"]["emergencyStop"])
+        await viewer.until(lambda parts: not parts["robot"]["objections"])
         assert simulator.faults == []
         await viewer.give("fault", text="emergency_stop for=0.2")
         await viewer.until(lambda parts: parts["simulator"]["faults"])

@@ -50,6 +50,12 @@ async def test_the_chassis_stops_by_itself_when_the_program_is_killed(
         # on a busy machine, the connection was too slow, and the stick had stopped the robot
 
 
+async def test_a_robot_that_is_named_twice_is_shown_once(chassis: SimulatorThread) -> None:
+    with program(chassis, chassis) as (_, url):
+        async with page(url) as viewer:
+            assert len(await viewer.until(lambda parts: parts["hello"]["robots"])) == 1
+
+
 async def test_the_page_is_served_over_https(
     chassis: SimulatorThread, certificate: list[str]
 ) -> None:

@@ -21,12 +21,14 @@ from tests.tools.dashboard.pages import (
     dashboard,
     delayed,
     is_driving,
+    is_emergency_stopped,
     is_stopped_by_zero,
     last,
     page,
     say,
 )
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     LED,
@@ -317,6 +319,20 @@ async def test_over_a_constantly_slow_connection_only_a_stop_reaches_the_robot(
         assert chassis.counts[TWIST] == 1
 
 
+async def test_a_failed_watchdog_of_the_stick_stops_the_robot_and_is_shown(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fail(_: VelocityDriver) -> None:
+        await eventually(lambda: is_driving(chassis))
+        raise RuntimeError
+
+    monkeypatch.setattr(VelocityDriver, "run", fail)
+    async with controlled(chassis) as viewer, viewer.holds(0.3):
+        await eventually(lambda: is_driving(chassis))
+        await viewer.until(lambda parts: parts["link"]["state"] == "failed")
+        await eventually(lambda: is_stopped_by_zero(chassis))
+
+
 async def test_one_viewer_drives_and_the_others_see_who(chassis: SimulatorThread) -> None:
     async with controlled_by_two(chassis) as (driver, other):
         await driver.give("goMark", mark="A2")
@@ -448,7 +464,7 @@ async def test_a_refused_velocity_has_the_words_of_the_robot_and_the_reason() ->
     with SimulatorThread(quick_config(port=0, tcp_port=0, profile="tr200")) as chassis:
         async with controlled(chassis) as viewer:
             chassis.set_emergency_stop(True)
-            await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
+            await viewer.until(is_emergency_stopped)
             words = "State not allow to twist (the emergency stop is pressed"
             # on a busy machine, a velocity may also be too slow, or its answer
             async with viewer.holds(0.3):

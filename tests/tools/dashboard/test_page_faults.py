@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import signal
 import socket
+import time
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
+from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import set_speed
 from tests.tools.dashboard.browsers import Browser, SimulatedPage, chromium, eventually
 from tests.tools.dashboard.conftest import Serve
@@ -24,10 +27,14 @@ from tests.tools.dashboard.pages import (
     page,
     program,
 )
+from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import server
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -190,6 +197,34 @@ def test_an_alarm_is_not_ended_by_what_was_seen_before_the_loss(
     assert browser.text("#alarm")
 
 
+def test_an_alarm_is_not_ended_while_the_robot_moves_sideways(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    set_speed(robot, 1.0)
+
+    async def step() -> None:
+        async with ChassisClient(config=LinkConfig("127.0.0.1", robot.port)) as other:
+            sideways = StepControl.Step(mode=StepControl.Step.kLateral, value=4.0, speed=0.3)
+            request = StepControl(action=kExecute, steps=[sideways])
+            assert (await other.request(CallAction(step_control=request))).ok
+
+    asyncio.run(step())
+    eventually(lambda: robot.state.velocity.left > 0.1, "the step")
+    for refused in (CallAction, Twist):
+        robot.refuse(full_name(refused), "the program of the robot hangs")
+    browser.script("""(connection.stop = () => Promise.resolve(
+      {ok: false, text: {key: "reason.noAnswer", values: {}}}))""")
+    stop = robot.begin(robot.enter(page(robot.url)).command("stop"))
+    assert not stop.result(TIMEOUT)[0]
+    browser.press("#stop")
+    both = "[store.unanswered.value.size, store.fleet.value[0].alarm !== '']"
+    eventually(lambda: browser.script(both) == [1, True], "both alarms")
+    time.sleep(3.0)
+    assert robot.state.velocity.left > 0.1
+    assert browser.script(both) == [1, True]
+    eventually(lambda: not browser.text("#alarm"), "the end of the step")
+
+
 def test_a_page_whose_address_is_no_longer_valid_says_so(
     chassis: SimulatorThread, window: Browser
 ) -> None:
@@ -255,8 +290,10 @@ def test_a_page_appears_without_storage_and_once_its_texts_can_be_loaded(
     tried = "performance.getEntriesByType('resource').some(({name}) => name.endsWith('en.json'))"
     eventually(lambda: window.script(tried), "the attempt")
     assert not window.script("document.querySelector('#stop')")
+    assert "Loading" in window.text("body")
     window.send("Network.setBlockedURLs", urls=[])
     window.wait_for_map()
+    assert "Loading" not in window.text("body")
     window.press("#stop")
     eventually(lambda: "stopped" in window.text("#answer"), "the stop")
 
@@ -480,6 +517,67 @@ def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
     assert stops == [1, 0]
     eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
     assert window.script("store.alarms.value.size") == 0
+
+
+def test_a_reloaded_page_shows_and_stops_the_same_robot(
+    chassis: SimulatorThread, other: SimulatorThread, window: Browser
+) -> None:
+    with program(chassis, other) as (_, url):
+        window.open(url)
+        window.press("#robots option:nth-child(2)")
+        eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
+        window.driver.refresh()
+        window.wait_for_map()
+        window.press("#stop")
+        eventually(lambda: "stopped" in window.text("#answer"), "the stop")
+        assert window.script("store.robot.value.id") == 8
+    assert (chassis.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
+
+
+def test_two_presses_of_stop_without_a_connection_raise_no_alarm_once_it_is_confirmed(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.script(_DISCONNECT)
+    eventually(lambda: browser.script("store.problem.value"), "the loss")
+    browser.driver.execute_script("""
+      globalThis.most = 0;
+      store.alarms.subscribe(({size}) => (most = Math.max(most, size)));
+      delete connection.connect;
+      for (let each = 0; each < 2; each++) document.querySelector("#stop").click();
+      globalThis.pressedAt = performance.now();
+    """)
+    eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
+    eventually(lambda: browser.script("performance.now() > pressedAt + 3000"), "the timeout")
+    assert browser.script("most") == 0
+    assert "stopped" in browser.text("#answer")
+
+
+def test_a_stop_just_after_a_sleep_of_the_device_does_not_use_the_old_connection(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.driver.execute_script("""
+      connection.receivedAt -= 60000;
+      connection.socket.send = () => {};
+      document.querySelector("#stop").click();
+    """)
+    eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
+
+
+def test_a_page_of_an_older_dashboard_asks_to_be_reloaded(
+    robot: SimulatedPage, browser: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = server._page_files()
+    robot.restart_page()
+    eventually(lambda: browser.script("store.you.value && !store.outdated.value"), "the page")
+    assert browser.text("#notice") == ""
+    changed = {**files, "/main.js": (files["/main.js"][0] + b"// changed", "text/javascript")}
+    monkeypatch.setattr(server, "_page_files", lambda: changed)
+    robot.restart_page()
+    eventually(lambda: "was updated" in browser.text("#notice"), "the notice")
+    browser.press("#notice button")
+    eventually(lambda: browser.script("globalThis.store?.updated.value === false"), "the new page")
+    browser.wait_for_map()
+    assert browser.text("#notice") == ""
 
 
 def test_the_plots_come_with_a_restarted_dashboard(

@@ -214,7 +214,7 @@ def test_what_the_program_explains_is_in_the_language_of_the_page(
     browser.press("#stop")
     eventually(lambda: browser.text("#answer").endswith("已停止"), "the stop")
     robot.inject("emergency_stop")
-    eventually(lambda: browser.script("store.robot.value.emergencyStop"), "the stop button")
+    eventually(lambda: browser.script("store.robot.value.objections.length"), "the stop button")
     browser.press("#marks li:nth-child(2) button")
 
     def is_refused() -> bool:
@@ -230,7 +230,7 @@ def test_what_the_program_explains_is_in_the_language_of_the_page(
     browser.show("go")
     browser.press("#dismiss")
     robot.clear_faults()
-    eventually(lambda: not browser.script("store.robot.value.emergencyStop"), "its release")
+    eventually(lambda: not browser.script("store.robot.value.objections.length"), "its release")
     pose = robot.state.pose
     ahead = {"x": pose.x + 0.7 * math.cos(pose.theta), "y": pose.y + 0.7 * math.sin(pose.theta)}
     robot.inject("obstacle", radius=0.3, **ahead)

@@ -31,6 +31,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     ScannerData,
 )
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import server
 from woosh_robot_agent.tools.dashboard.part_data import (
     lanes_data,
     points_data,
@@ -116,7 +117,7 @@ async def test_a_jump_of_the_robots_clock_moves_no_earlier_message(
         (before,) = await viewer.until(lambda parts: parts["codes"])
         chassis.inject("clock_jump", by=3600)
         chassis.set_emergency_stop(False)
-        await viewer.until(lambda parts: not parts["robot"]["emergencyStop"])
+        await viewer.until(lambda parts: not parts["robot"]["objections"])
         chassis.set_emergency_stop(True)
         newest, *_, oldest = await viewer.until(
             lambda parts: len(parts["codes"]) > 1 and parts["codes"]
@@ -299,6 +300,46 @@ async def test_a_large_part_that_changes_faster_than_it_is_sent_comes(
         delay.rate = 40e3
         for _ in range(3):
             await viewer.until(lambda parts: parts.pop("large", None))
+
+
+async def test_a_long_history_does_not_delay_a_stop_over_a_slow_connection(
+    chassis: SimulatorThread,
+) -> None:
+    delay = Delay()
+    async with (
+        dashboard(chassis, control=True) as running,
+        delayed(running, delay) as port,
+        page(running, port) as viewer,
+    ):
+        await viewer.ready()
+        running.robots[0]._samples = [
+            [1_700_000_000 + n, 0.123, 93, 1.2, False] for n in range(3000)
+        ]
+        delay.rate = 8e3
+        asking = asyncio.ensure_future(viewer.give("history"))
+        await asyncio.sleep(0.5)
+        await viewer.send(do="visible", visible=False)
+        await viewer.send(do="visible", visible=True)
+        clock = await viewer.until(lambda parts: parts["clock"])
+        assert (await viewer.command_at(clock, "stop"))[0]
+        assert not asking.done()
+        await asking
+        assert len(viewer.data[1]["samples"]) >= 3000
+
+
+async def test_a_page_that_is_hidden_while_its_connection_is_full_still_gets_answers(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "_CLOCK_PERIOD", TIMEOUT)
+    async with dashboard(chassis, control=True) as running, page(running) as viewer:
+        await viewer.ready()
+        (served,) = running._viewers
+        served._is_writable.clear()
+        await eventually(lambda: served._stale)
+        await viewer.send(do="visible", visible=False)
+        await eventually(lambda: not served.visible)
+        served._is_writable.set()
+        assert (await viewer.command_at(0, "stop"))[0]
 
 
 async def test_a_slow_viewer_delays_nobody_and_gets_the_newest_state(

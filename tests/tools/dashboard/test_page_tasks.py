@@ -10,7 +10,7 @@ import pytest
 
 from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import Page, controlled, dashboard, page
+from tests.tools.dashboard.pages import Page, controlled, dashboard, is_emergency_stopped, page
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
@@ -62,7 +62,7 @@ async def test_the_page_sees_what_becomes_of_a_task(real_chassis: SimulatorThrea
             lambda parts: "navigation did not succeed" in parts["tasks"][0]["code"]["meaning"]
         )
         real_chassis.set_emergency_stop(True)
-        await viewer.until(lambda parts: parts["robot"]["emergencyStop"])
+        await viewer.until(is_emergency_stopped)
         assert not (await viewer.command("goMark", mark="A2"))[0]
         assert viewer.parts["tasks"][0]["id"] == failed["id"]  # a refused one is no task
         async with page(running) as later:

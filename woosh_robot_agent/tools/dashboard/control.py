@@ -193,9 +193,10 @@ class Control:
         """Task of `_explain`; kept, because the event loop has only a weak reference."""
         robot.parts.add("control", self._data, each_second=True)
 
-    def start(self) -> None:
-        """Start sending the velocities of the stick."""
+    def start(self) -> asyncio.Task[None]:
+        """Start sending the velocities of the stick; return the task that does so."""
         self._stick_task = asyncio.get_running_loop().create_task(self._stick.run(), name="stick")
+        return self._stick_task
 
     async def close(self) -> str:
         """Stop the robot if the stick drives it, and refuse further motion.

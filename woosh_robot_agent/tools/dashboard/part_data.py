@@ -20,7 +20,6 @@ from woosh_robot_agent.motion.wheel_owner import is_held_up, is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
-    DeviceState,
     HardwareState,
     NavPath,
     RobotInfo,
@@ -95,7 +94,6 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "state": enum_name(robot.State, info.state),
         "control": enum_name(robot.ControlMode, info.mode.ctrl) if info.HasField("mode") else None,
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
-        "emergencyStop": bool(info.device_state.hardware & DeviceState.kEmgBtn),
         "taskable": accepts_task(info),
         "objections": [each._asdict() for each in all_objections(info)],
         "battery": _battery(info),

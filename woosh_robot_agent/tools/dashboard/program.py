@@ -54,7 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not 0.0 < getattr(options, name) <= 10.0:
             option = name.replace("_", "-")
             parser.error(f"--{option} must be above 0, and at most 10: {getattr(options, name):g}")
-    robots = [link_config(parser, options, address) for address in options.ip]
+    configs = [link_config(parser, options, address) for address in options.ip]
+    robots = list({each.address: each for each in configs}.values())  # each robot once
     try:
         tokens = kept_tokens(options.token_file) if options.token_file else new_tokens()
     except TokenFileError as error:

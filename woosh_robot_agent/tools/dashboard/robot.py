@@ -43,7 +43,7 @@ from woosh_robot_agent.tools.robot_view import (
 _LOG = logging.getLogger(__name__)
 M = TypeVar("M", bound=Message)
 
-SAMPLE_PERIOD = 2.0
+_SAMPLE_PERIOD = 2.0
 """Time between two samples of the history, in seconds."""
 _HISTORY = 1800
 """Time for which samples are kept, in seconds."""
@@ -204,7 +204,7 @@ class Robot:
     @property
     def history(self) -> dict[str, Any]:
         """Answer to the command `history`: the samples of the last half hour, as in `_sample`."""
-        return {"period": SAMPLE_PERIOD, "samples": self._samples}
+        return {"samples": self._samples}
 
     async def plan(self, args: Args) -> dict[str, Any]:
         """Ask the robot how it would drive to a pose, without driving there.
@@ -285,7 +285,7 @@ class Robot:
             if samples and end - samples[-1][0] > _GAP:
                 samples.append([end - 1, None, None, None, None])
             self._samples = [*samples, sample]
-            await asyncio.sleep(SAMPLE_PERIOD)
+            await asyncio.sleep(_SAMPLE_PERIOD)
 
     def _sample(self) -> list[Any]:
         """Return Unix time in s, speed in m/s, battery in percent, delay in ms, and if it charges.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
 import logging
 import mimetypes
@@ -133,6 +134,9 @@ class Dashboard:
         """Number of viewers accepted so far."""
         self._process = uuid.uuid4().hex
         """Tells the page whether it is connected to another process than before."""
+        content = b"".join(sorted(content for content, _ in self._files.values()))
+        self._page = hashlib.sha256(content).hexdigest()
+        """Tells the page whether its files have changed since it was opened."""
         self._opening: dict[LimitedConnection, None] = {}
         """Connections that are not WebSockets (yet), as in `LimitedConnection`."""
         self._http: web.Server | None = None
@@ -171,7 +175,7 @@ class Dashboard:
         for robot in self.robots:
             robot.start()
         for control in self._controls.values():
-            control.start()
+            control.start().add_done_callback(self._show_failure)
         for work in (
             self._tell_time(),
             self._shared.publish_changes(_PLACES_PERIOD),
@@ -182,7 +186,7 @@ class Dashboard:
             self._tasks.append(task)
 
     def _show_failure(self, task: asyncio.Task[None]) -> None:
-        """Show on the page of each robot that a task of all pages has failed."""
+        """Show on the page of each robot that a task of all pages, or of a stick, has failed."""
         if not task.cancelled() and (error := task.exception()):
             _LOG.error("the page is no longer updated; restart the dashboard", exc_info=error)
             for robot in self.robots:
@@ -376,6 +380,7 @@ class Dashboard:
     def _hello(self, viewer: Viewer) -> dict[str, Any]:
         return {
             "process": self._process,
+            "page": self._page,
             "now": part_data.now(),
             "you": viewer.name,
             "control": viewer.may_control,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
+from typing import Any
 
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion.gate import StopReport
@@ -14,6 +15,9 @@ from woosh_robot_agent.tools.dashboard.robot import Robot
 
 _STANDSTILL = 1.0
 """Time for which a robot must stand still to end its alarm, in seconds."""
+_SAME_PLACE = 0.01
+"""Distance between two poses of a robot that stands still, in metres. Robots report no speed while
+they move sideways."""
 
 
 class StopAlarm:
@@ -34,6 +38,8 @@ class StopAlarm:
         self._received = 0
         """Number of frames received until `_maybe_moving_at`; only a later frame can show a
         standstill."""
+        self._pose: dict[str, Any] | None = None
+        """Pose of the robot at `_maybe_moving_at`, as in the part `pose`."""
         robot.chassis.subscribe(PoseSpeed, lambda report: self._check_standstill())
 
     @property
@@ -54,15 +60,21 @@ class StopAlarm:
     def _restart_standstill(self) -> None:
         self._maybe_moving_at = asyncio.get_running_loop().time()
         self._received = self._robot.chassis.stats.rx
+        self._pose = part_data.pose_data(self._robot.view.info)
 
     def _check_standstill(self) -> None:
         """End the alarm if the robot has been seen to stand still for long enough."""
         if not self._reason:
             return
         chassis, now = self._robot.chassis, asyncio.get_running_loop().time()
-        pose = part_data.pose_data(self._robot.view.info)
-        may_move = pose is None or pose["linear"] or pose["angular"]
-        if may_move or self._robot.no_data or chassis.state is not LinkState.READY:
+        if self._may_move() or self._robot.no_data or chassis.state is not LinkState.READY:
             self._restart_standstill()
         elif now - self._maybe_moving_at > _STANDSTILL and chassis.stats.rx > self._received:
             self._reason = ""
+
+    def _may_move(self) -> bool:
+        """Return True unless the robot reports that it stands where it stood."""
+        pose, former = part_data.pose_data(self._robot.view.info), self._pose
+        if pose is None or former is None or pose["linear"] or pose["angular"]:
+            return True
+        return math.dist(*((each["x"], each["y"]) for each in (pose, former))) > _SAME_PLACE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 from collections.abc import Collection
 from functools import partial
@@ -80,7 +81,9 @@ class Viewer:
         self._begun: dict[tuple[Parts, str], tuple[str, int]] = {}
         """Messages of which only pieces have been sent, and how many characters, by their part."""
         self._notes: list[str] = []
-        """Notes to send."""
+        """Notes to send, without the large ones, which are in `_stale`."""
+        self._large_notes = itertools.count()
+        """Numbers of the large notes."""
         self._wake = asyncio.Event()
         self._closing: asyncio.Task[bool] | None = None
         """The task that closes the WebSocket; kept, because the loop has only a weak reference."""
@@ -102,8 +105,9 @@ class Viewer:
         """Send no more parts."""
         for parts in self._stores:
             parts.unwatch(self)
-        self._stale.clear()
-        self._begun.clear()
+            for waiting in (self._stale, self._begun):
+                for part in [each for each in waiting if each[0] is parts]:
+                    waiting.pop(part)
 
     @property
     def _stores(self) -> list[Parts]:
@@ -116,11 +120,16 @@ class Viewer:
 
     def note(self, **content: Any) -> None:
         """Send a note to the page; disconnect the viewer if too many notes wait."""
-        if len(self._notes) < _MAX_NOTES:
-            self._notes.append(json.dumps(content, separators=(",", ":")))
-            self._wake.set()
-        else:
+        message = json.dumps(content, separators=(",", ":"))
+        if len(self._notes) + len(self._stale) >= _MAX_NOTES:
             abort_transport(self._transport)
+        elif len(message) > _PIECE:  # in pieces, like a part, and others overtake it
+            large = Parts()
+            large.messages[name := f"note {next(self._large_notes)}"] = message
+            self._changed(large, [name])
+        else:
+            self._notes.append(message)
+            self._wake.set()
 
     def dismiss(self, code: int, reason: str) -> None:
         """Close the WebSocket; the commands that wait for their answer go on."""
@@ -148,14 +157,15 @@ class Viewer:
         try:
             while True:
                 await self._wake.wait()
-                self._wake.clear()
-                while self._notes or self._is_time_due or self._stale:
-                    await self._is_writable.wait()
-                    message = self._next()
-                    if isinstance(message, str):
-                        await self._socket.send_str(message)
-                    else:
-                        await self._socket.send_bytes(message)
+                await self._is_writable.wait()
+                if not (self._notes or self._is_time_due or self._stale):
+                    self._wake.clear()
+                    continue
+                message = self._next()
+                if isinstance(message, str):
+                    await self._socket.send_str(message)
+                else:
+                    await self._socket.send_bytes(message)
         except ConnectionError:
             return
 

@@ -8,6 +8,7 @@ import * as store from "./store.js";
 const DOUBLE_CLICK = 500; // milliseconds within which a repeated command is not sent
 const REPLAN = 0.5; // metres that the robot may move before a path to the target is planned anew
 const STANDSTILL = 1000; // milliseconds for which a robot must stand still to end its alarm
+const SAME_PLACE = 0.01; // metres between two poses of a robot that stands still
 
 export const connection = new Connection(received, receivedScan, (problem) => {
   store.problem.value = problem;
@@ -17,6 +18,7 @@ export const connection = new Connection(received, receivedScan, (problem) => {
 /** The last sending of each command: its arguments, and when it was sent or answered. */
 const lastSent = /** @type {Map<string, {args: string, at: number}>} */ (new Map());
 let standingSince = 0; // time since which the robot is seen to stand still
+let standsAt = { x: 0, y: 0 }; // where it stands, in metres
 
 /**
  * @param {string} name
@@ -91,11 +93,17 @@ function setPending(key, on) {
   store.pending.value = keys;
 }
 
+let presses = 0; // of STOP
+const confirmed = /** @type {Map<string, number>} */ (new Map()); // last press that was, by the robot
+
 export async function stop() {
   store.letGo();
   const robot = store.address.value;
   tell(true, { key: "reply.stopping", values: {} }, robot);
+  const press = ++presses;
   const { ok, text } = await connection.stop(robot);
+  if (press < (confirmed.get(robot) ?? 0)) return; // a later press is confirmed
+  if (ok) confirmed.set(robot, press);
   tell(ok, text, robot);
   // the dashboard itself raises the alarm of a stop that the robot has not confirmed
   setUnanswered(robot, ok || text.key === "reply.notStopped" ? "" : text);
@@ -119,7 +127,12 @@ function checkAlarm() {
   const now = performance.now();
   const pose = store.pose.value;
   const seen = !store.outdated.value && store.watching.value === store.chosen.value;
-  if (!(seen && pose && !pose.linear && !pose.angular)) standingSince = now;
+  // robots report no speed while they move sideways
+  const stays = pose && Math.hypot(pose.x - standsAt.x, pose.y - standsAt.y) < SAME_PLACE;
+  if (!(seen && stays && !pose.linear && !pose.angular)) {
+    standingSince = now;
+    standsAt = pose ?? standsAt;
+  }
   const robot = store.address.value;
   const ends = now - standingSince > STANDSTILL && store.unanswered.value.has(robot);
   if (ends) setUnanswered(robot, "");

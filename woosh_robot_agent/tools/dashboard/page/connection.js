@@ -193,6 +193,7 @@ export class Connection {
    * @param {string} robot address of the robot that the page shows
    */
   stop(robot) {
+    this.checkSilence(); // after a sleep of the device, the connection may have ended unseen
     const id = this.nextId++;
     if (this.isReady) {
       this.sendCommand(id, "stop", {});

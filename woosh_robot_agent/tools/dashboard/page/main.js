@@ -13,7 +13,8 @@ import { Stage } from "./views/stage.js";
 import "./drive.js";
 
 if (new URLSearchParams(location.search).has("token")) {
-  history.replaceState(null, "", location.pathname); // hides the token, which the cookie has now
+  // hides the token, which the cookie has now
+  history.replaceState(null, "", location.pathname + location.hash);
 }
 
 function App() {
@@ -26,11 +27,15 @@ function App() {
 
 startTheme();
 await startLanguage();
+document.body.replaceChildren(); // ends the text that the page is being loaded
 render(html`<${App} />`, document.body);
 
 effect(() => {
   const robot = store.robot.value;
   document.title = robot?.known ? robotName(robot) : t("page.title");
+});
+effect(() => {
+  if (store.robots.value.length > 1) history.replaceState(null, "", `#${store.address.value}`);
 });
 store.mayControl.subscribe((may) => {
   forgetTarget(); // also ends what was begun on the map

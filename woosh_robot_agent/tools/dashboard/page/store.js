@@ -378,6 +378,9 @@ export const pendingKey = (name) =>
 export const isPending = (name) => pending.value.has(pendingKey(name));
 
 let process = ""; // id of the dashboard's process; empty before the first connection
+let page = ""; // id of the files of this page; empty before the first connection
+/** True if the dashboard has other files than those of which this page is made. */
+export const updated = state(false);
 
 /** Note that the speed limits of the dashboard's former process, which `fleet` still has, have ended. */
 function endLimits() {
@@ -411,11 +414,14 @@ export function receive(name, data) {
         map.value = null; // the new process may use the map's number for another map
       }
       process = data.process;
+      page ||= data.page;
+      updated.value = page !== data.page;
       link.value = null; // until its parts come, what is shown of the robot is out of date
       you.value = data.you;
       lostControl.value = !data.control && (lostControl.value || mayControl.value);
       mayControl.value = data.control;
-      const index = data.robots.indexOf(address.value);
+      // a page that was reloaded has the robot in its own address
+      const index = data.robots.indexOf(address.value || location.hash.slice(1));
       if (index !== chosen.value) fleet.value = places.value = []; // their indices belong to the former list of robots
       robots.value = data.robots;
       if (index < 0) choose(0);

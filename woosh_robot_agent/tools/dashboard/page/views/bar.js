@@ -32,7 +32,7 @@ export function Bar() {
 function RobotName() {
   const robot = store.robot.value;
   const cards = store.fleet.value;
-  const name = robot?.known ? robotName(robot) : store.address.value;
+  const name = robot?.known ? robotName(robot) : robotLabel(store.address.value);
   if (store.robots.value.length < 2) return html`<h1 class="name">${name}</h1>`;
   return html`<h1 class="name">
     <select

@@ -44,6 +44,7 @@ export function notices() {
     found.push(...robot.objections.map(objectionNotice), ...faultNotices());
     found.push(mapNotice(), standstillNotice(), poseNotice());
   }
+  found.push(updateNotice());
   return found.filter((each) => each !== null);
 }
 
@@ -72,6 +73,14 @@ function linkNotice() {
   const shown = t(store.robot.value?.known ? "notice.outdated" : "notice.unknown");
   const text = [ended, long, shown].filter(Boolean).join(" ");
   return { name: "link", tone: "bad", title: short, text };
+}
+
+/** @returns {Notice | null} */
+function updateNotice() {
+  if (!store.updated.value) return null;
+  const [title, text] = [t("notice.updated"), t("notice.updatedRemedy")];
+  const action = /** @type {Action} */ ([t("notice.reload"), () => location.reload()]);
+  return { name: "update", tone: "warn", title, text, action };
 }
 
 /** @returns {Notice | null} */

@@ -266,10 +266,11 @@ function updateCovered() {
   const nothing = { top: canvas.bottom, right: canvas.left };
   const covered = sheet?.height ? sheet : nothing;
   const below = sheet && sheet.height > 0 && sheet.width >= canvas.width;
-  // in pixels; over an open sheet the map is low already
-  const room = getComputedStyle(document.documentElement).getPropertyValue("--notice");
+  const height = notices?.height ? notices.bottom - canvas.top : 0; // in pixels, like `room`
+  const room = parseFloat(getComputedStyle(document.documentElement).getPropertyValue("--notice"));
   map?.setInset({
-    top: Math.max(below ? 0 : parseFloat(room), notices?.height ? notices.bottom - canvas.top : 0),
+    // over an open sheet the map is low already
+    top: below ? Math.min(room, height) : Math.max(room, height),
     right: 0,
     bottom: below ? Math.max(0, canvas.bottom - covered.top) : 0,
     left: below ? 0 : Math.max(0, covered.right - canvas.left),

@@ -29,8 +29,10 @@ const UNSTEADY = 2; // factor between two paces of the battery beyond which its 
 const samples = signal(/** @type {Sample[]} */ ([]));
 
 async function loadHistory() {
+  const robot = store.address.value;
   const { ok, data } = await connection.command("history");
-  if (ok) samples.value = data.samples;
+  // over a slow connection, the history of the former robot may come after that of the chosen one
+  if (ok && robot === store.address.value) samples.value = data.samples;
 }
 
 // Add each new sample, or load all of them again if some are missing.
