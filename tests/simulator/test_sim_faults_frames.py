@@ -207,6 +207,14 @@ def test_wrong_field_type_changes_one_field(peer: Peer) -> None:
         assert body == usual
 
 
+def test_wrong_field_type_takes_the_body_of_a_wrong_type(tcp: TcpClient) -> None:
+    tcp.simulator.inject("wrong_type")
+    tcp.simulator.inject("wrong_field_type")
+    answer = tcp.request("woosh.robot.RobotInfo")
+    assert answer.type == "woosh.robot.Network"
+    assert b"\1" * 8 in answer.body.value
+
+
 def test_wrong_field_type_replaces_an_empty_body(client: JsonClient) -> None:
     client.simulator.inject("wrong_field_type", type="woosh.robot.SetOccupancy")
     client.send({"type": "woosh.robot.SetOccupancy", "sn": 1})

@@ -289,6 +289,16 @@ def test_marks_in_an_unknown_format_are_not_for_editing(tmp_path):
         assert read_scene(tmp_path / "hall").files == files
 
 
+def test_marks_are_those_of_the_map_and_not_of_a_copy_in_a_folder(run: Run, tmp_path: Path) -> None:
+    assert run("download", "wooshmap")[0] == 0
+    folder = tmp_path / "wooshmap"
+    shutil.copytree(folder / "wooshmap", folder / "copy" / "wooshmap")
+    edit(folder / "marks" / "wooshmap.yaml", lambda marks: marks.clear())
+    files = read_scene(folder).files
+    assert not MarkInfo.FromString(files["wooshmap/mark_info.data"]).storages
+    assert MarkInfo.FromString(files["copy/wooshmap/mark_info.data"]).storages
+
+
 def test_copy_of_a_file_of_marks_is_told_from_the_marks_of_a_map(run: Run, tmp_path: Path) -> None:
     assert run("download", "wooshmap")[0] == 0
     marks = tmp_path / "wooshmap" / "marks"

@@ -441,7 +441,10 @@ def test_start_delay_is_learned_from_velocities() -> None:
         drive, turn = divmod(number, 10)
         t = drive * 20.0 + turn * 0.1
         sn = number + 1
-        frames.append(at(t, request("woosh.robot.Twist", sn)))
+        if turn == 0:  # a stop of a robot that stands, as from a joystick
+            frames.append(at(t - 2.0, request("woosh.robot.Twist", 100 + sn)))
+            frames.append(at(t - 1.9, answer("woosh.robot.Twist", 100 + sn, {})))
+        frames.append(at(t, request("woosh.robot.Twist", sn, {"linear": 0.3})))
         frames.append(at(t + 0.01, answer("woosh.robot.Twist", sn, {})))
         if turn >= 4:
             moving = push("woosh.robot.PoseSpeed", {"twist": {"linear": 0.3}})

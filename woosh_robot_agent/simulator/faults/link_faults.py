@@ -414,7 +414,8 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
 def _body(pack: MessagePackJson) -> Message | None:
     """Return the decoded body of a frame, None if its type is unknown."""
     try:
-        return message_type(pack.type).FromString(pack.body.value)
+        # not `pack.type`, which the fault `wrong_type` changes
+        return message_type(pack.body.TypeName()).FromString(pack.body.value)
     except KeyError:
         return None
 

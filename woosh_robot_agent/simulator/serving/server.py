@@ -42,7 +42,7 @@ class Server:
     Attributes:
         config: the options.
         chassis: the model of the robot.
-        speed: simulated seconds per real second. It can be changed at any time.
+        speed: simulated seconds per real second, above 0. It can be changed at any time.
     """
 
     def __init__(self, config: SimulatorConfig | None = None) -> None:

@@ -402,7 +402,7 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
             except FrameError:
                 envelope = None
             return HttpAnswer(response.status, response.headers.get("Server", ""), envelope, delay)
-    except (aiohttp.ClientError, TimeoutError, OSError):  # nothing answers HTTP
+    except (aiohttp.ClientError, asyncio.TimeoutError, OSError):  # nothing answers HTTP
         return None
 
 

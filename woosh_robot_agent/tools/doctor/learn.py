@@ -337,6 +337,8 @@ def _start_delays(seen: Observations) -> _Found:
     poses = seen.pushed(PoseSpeed)
     start_delays, last_sent_at = [], -math.inf
     for velocity in seen.accepted(pack.Twist):
+        if velocity.request_body == pack.Twist():  # a stop
+            continue
         sent_at = velocity.t - velocity.delay
         is_after_pause = sent_at - last_sent_at > _MAX_START
         last_sent_at = sent_at

@@ -433,7 +433,7 @@ def _mark_file(area: str, files: Iterable[str]) -> str:
 
     It is empty if the robot has no folder of the map.
     """
-    for name in files:
+    for name in sorted(files, key=lambda name: name.count("/")):  # not that of a copy
         before, folder, _ = f"/{name}".partition(f"/{area}/")
         if folder:
             return f"{before}{folder}{_MARK_INFO}".removeprefix("/")
