@@ -261,7 +261,7 @@ class Execution:
     # Events
 
     def update_position(self) -> None:
-        """Give the position of the robot to the order.
+        """Give the position of the robot to the order; do nothing while it is unknown.
 
         In mode MANUAL, also forget the last node once the robot has left it.
         """
@@ -270,10 +270,9 @@ class Execution:
         if not self.active:
             self._link_was_lost = False
         # while the link was lost, people may have moved the robot, unless the action moves it
-        is_acting = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
-        self.order.moved(
-            place, by_action=is_acting or self.tasks.confirmed, confirmed=self.drive.confirmed
-        )
+        by_action = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
+        by_task = self.tasks.confirmed  # of an action
+        self.order.moved(place, by_action=by_action or by_task, confirmed=self.drive.confirmed)
         if self.robot.status is not None and self.robot.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()
 
