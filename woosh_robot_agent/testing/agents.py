@@ -325,7 +325,7 @@ class AgentProcess:
         self.wait_read()
 
     def wait_read(self) -> None:
-        """Wait until all log messages of the ended agent have been read."""
+        """Wait, for `TIMEOUT` at most, until the log of the ended agent is read; then close it."""
         self._reader.join(TIMEOUT)
         assert self.process.stderr is not None
         self.process.stderr.close()

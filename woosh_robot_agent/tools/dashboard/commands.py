@@ -80,7 +80,11 @@ def _invalid(text: str) -> CommandError:
 
 
 def _whole(args: Args, name: str, limit: int) -> int:
-    """Return an argument that is a whole number from 0 to `limit`; 0 if it is missing."""
+    """Return an argument that is a whole number from 0 to `limit`; 0 if it is missing.
+
+    Raises:
+        CommandError: it is something else.
+    """
     value = args.get(name, 0)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= limit:
         raise _invalid(_NOT_WHOLE(name=name, greatest=limit))

@@ -276,7 +276,7 @@ class Dashboard:
         return response
 
     def _map_picture(self, path: str) -> tuple[bytes, str] | None:
-        """Return a picture of the map of a robot.
+        """Return a picture of the map of a robot, and its content type; None if there is none.
 
         Its path is `/map/ROBOT/NUMBER.png`, or for the keep-out areas `/keepout/ROBOT/NUMBER.png`.
         ROBOT is the index of the robot.
