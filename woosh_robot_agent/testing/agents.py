@@ -315,6 +315,7 @@ class AgentProcess:
         self.wait_says("connected to ", times)
 
     def close(self) -> None:
+        """End the agent by SIGINT, or kill it after `TIMEOUT`; idempotent."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
             try:

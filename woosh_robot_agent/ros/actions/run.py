@@ -469,6 +469,10 @@ class GoalRun:
         return end
 
     def _poll_failed(self, failed: PollFailed) -> End | None:
+        """Handle a poll without an answer; return the end if it is time to give up.
+
+        A poll that was not sent, or was cut off by a loss of the link, counts for nothing.
+        """
         if failed.is_silent:
             self._give_up.chassis_silent(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):

@@ -129,7 +129,8 @@ def _read_upload(
 def _successor(area: Map, before: Map, *, whole: bool) -> Map:
     """Return an uploaded map with its new version, and with what the robot knows of the old map.
 
-    That is where the real walls are, and, if it is not in the upload, the pose at the end.
+    That is where the real walls are, and the pose at the end, if that is not in the upload and the
+    upload is not a whole folder.
 
     Args:
         area: the map as its files describe it.

@@ -295,7 +295,7 @@ class Dashboard:
     # WebSockets
 
     async def _serve(self, request: web.BaseRequest) -> web.WebSocketResponse:
-        """Serve a viewer until it disconnects."""
+        """Serve a viewer until it disconnects or is dismissed; refuse one viewer too many."""
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT,
             heartbeat=_HEARTBEAT,
