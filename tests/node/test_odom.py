@@ -109,8 +109,8 @@ def start_pose(simulator: SimulatorThread) -> Pose2D:
 
 @pytest.mark.parametrize(
     ("prediction", "speed", "sides", "tolerance"),
-    # a prediction fits only if the robot drives as fast as it reports; on a busy machine, it may stand
-    # still at 1 m/s for as long as it is predicted
+    # a prediction fits only if the robot drives as fast as it reports; on a busy machine, it may
+    # stand still at 1 m/s for as long as it is predicted
     [(True, 1.0, 2, HORIZON * 1.0 + 0.05), (False, 3.0, 4, 0.01)],
 )
 def test_odom_follows_a_square(

@@ -365,13 +365,14 @@ class ChassisClient:
         return unsubscribe
 
     def count_bad_value(self, cls: type[Message], reason: str) -> None:
-        """Count a message that a consumer cannot use, e.g. because a number is infinite.
+        """Count a message with a value that a consumer cannot use, e.g. an infinite number.
 
         The first one of each class and kind on a link is logged. Call it in the event loop.
 
         Args:
             cls: class of the message.
-            reason: kind of the defect, a colon, and the value, e.g. `x is not finite: inf`.
+            reason: the defect, e.g. `x is not finite: inf`; what precedes its first colon is the
+                kind.
         """
         self._subscriptions.count_bad_value(full_name(cls), reason)
 

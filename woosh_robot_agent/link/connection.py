@@ -649,7 +649,15 @@ class Connection:
         task.add_done_callback(self._aside_tasks.discard)
 
     async def _decode_aside(self, data: str | bytes, newer: set[str]) -> None:
-        """Decode a large frame aside; receive it, unless it is a push that a newer one replaces."""
+        """Decode a large frame aside; receive it, unless it is a push that a newer one replaces.
+
+        A frame that cannot be decoded is counted. In each case, the slot that `_receive_aside` has
+        acquired is released.
+
+        Args:
+            data: the frame.
+            newer: the entry of this frame in `_newer`: the types of the pushes read after it.
+        """
         try:
             envelope = await aside(self._decode_large, data)
         except FrameError as error:
@@ -661,7 +669,7 @@ class Connection:
         only_newest_matters = not envelope.sn and envelope.type not in EVENT_PUSHES
         if only_newest_matters and envelope.type in newer:
             self._stats.dropped_pushes[envelope.type] += 1
-        elif self._cause is None:
+        elif self._cause is None:  # the connection has not ended meanwhile
             self._receive(envelope, alone=False)
 
     def _decode_large(self, data: str | bytes) -> Envelope:

@@ -221,7 +221,7 @@ class TcpServerTransport(TcpTransport):
 
 
 async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) -> Listener:
-    """Listen for TCP clients; the arguments are those of `serve_websocket`."""
+    """Listen for TCP clients; arguments and errors are those of `serve_websocket`."""
 
     async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await handler(TcpServerTransport(reader, writer, max_size))
@@ -441,7 +441,10 @@ async def serve_websocket(
         max_size: largest frame that is read, in bytes.
         before_handshake: awaited before a client's handshake is answered, e.g. to delay it.
         local_pages_only: True to refuse web pages as clients, except pages of this machine.
-        respond: answers a request that is no handshake.
+        respond: answers a request that is no handshake; by default with status 426.
+
+    Raises:
+        OSError: the address or the port cannot be used.
     """
 
     async def serve_request(request: web.BaseRequest) -> web.StreamResponse:

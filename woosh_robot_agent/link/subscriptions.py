@@ -103,6 +103,7 @@ class PushQueue:
         return pushes
 
     def _discard_oldest(self, name: str) -> None:
+        """Remove the oldest push of a type; another one takes its place, so none is subtracted."""
         for index, (queued, _) in enumerate(self._queue):
             if queued == name:
                 del self._queue[index]

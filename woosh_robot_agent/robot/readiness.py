@@ -187,7 +187,10 @@ def objections(info: RobotInfo) -> list[Objection]:
 
 
 def busy_objections(info: RobotInfo) -> list[Objection]:
-    """Return what the robot is doing, as the objection to another task; empty if it is idle."""
+    """Return what the robot is doing, as the objection to another task.
+
+    Empty if it is idle, or if it charges without a task.
+    """
     proc = info.task_proc
     if is_unfinished(proc):
         number = proc.robot_task_id

@@ -372,8 +372,8 @@ def _has_moved(before: PoseSpeed, now: PoseSpeed) -> bool:
 def _may_stand(message: Any) -> bool:
     """Return True if the robot may stand still although it executes a request that drives it.
 
-    These are requests to follow somebody, to charge (it may stand at the charger already), and
-    steps that are too small to show in the reports.
+    These are requests to follow somebody, ChargeControl (it may stand at the charger already), and
+    steps that are too small to show in the reports. Tasks are not among them: their reports tell.
     """
     if not isinstance(message, CallAction):
         return isinstance(message, Follow)

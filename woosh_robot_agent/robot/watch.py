@@ -41,6 +41,6 @@ class Watch:
         CodeLog(chassis)  # the subscriptions of the link keep it alive
         # goals log the refusals of their cancel requests themselves
         self.refusal_log = RefusalLog(chassis, gate, explainer, silent=(GOAL_CANCEL,))
-        self.velocities = VelocitySources(chassis, gate)
+        self.velocities = VelocitySources(gate)
         self.standstill = Standstill(chassis, gate, last_known)
         self.who_drives = WhoDrives(chassis, gate, last_known, self.velocities, goals)

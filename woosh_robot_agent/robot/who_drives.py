@@ -59,7 +59,6 @@ class VelocitySources:
     A source drives from its first velocity until it sends a zero, or nothing for `OVERLAP`.
 
     Args:
-        chassis: the link.
         gate: the gate.
 
     Attributes:
@@ -69,7 +68,7 @@ class VelocitySources:
             `OVERLAP`.
     """
 
-    def __init__(self, chassis: ChassisClient, gate: MotionGate) -> None:
+    def __init__(self, gate: MotionGate) -> None:
         self.last = ""
         self.last_time = -math.inf
         self.overlap = OVERLAP

@@ -101,8 +101,8 @@ def agent_node(arguments: Mapping[str, str], **parameters: object) -> Node:
         parameters: further parameters, which override both.
 
     Raises:
-        ValueError: the port is not a number, nav2 is neither true nor false, or the parameter file
-            does not exist.
+        ValueError: the port is not a number from 0 to 65535, nav2 is neither true nor false, or the
+            parameter file does not exist.
     """
     values: dict[str, object] = {
         name: arguments[name] for name in _PARAMETERS if arguments.get(name)

@@ -62,11 +62,11 @@ def subscriber_event_handlers(node: Any, publisher: Any, callback: Callable[[], 
 
 
 def exit_withdraws_endpoints() -> bool:
-    """Return True if the middleware tells other processes at exit that all endpoints are gone.
+    """Return True if the middleware is known to withdraw all endpoints when the process exits.
 
-    Otherwise other processes notice it only after the lease duration, by default 20 s with Fast
-    DDS. Fast DDS 2 of Humble and Jazzy tells them at exit. Fast DDS 3 of Kilted does not, because
-    rmw_fastrtps keeps its factory of participants alive.
+    Fast DDS 2 of Humble and Jazzy does so. Fast DDS 3 of Kilted does not, because rmw_fastrtps
+    keeps its factory of participants alive: other processes notice only after the lease duration,
+    by default 20 s, that the endpoints are gone. Of other middleware, this is not known.
     """
     if not str(get_rmw_implementation_identifier()).startswith("rmw_fastrtps"):
         return False

@@ -63,7 +63,11 @@ def _option(default: Any, help_: str, **arguments: Any) -> Any:
 
 @dataclass(frozen=True)
 class SimulatorConfig:
-    """Options of a simulated chassis. Most of them are options of the command line, too."""
+    """Options of a simulated chassis. Most of them are options of the command line, too.
+
+    Raises:
+        ValueError: a value is outside of its range.
+    """
 
     host: str = _option("127.0.0.1", "address to listen on")
     port: int = _option(5480, "WebSocket port; 0: any free port")

@@ -215,7 +215,7 @@ class SimulatedChassis(Server):
         return add_hook(self.hooks.interceptors, interceptor)
 
     def send_raw(self, data: str | bytes) -> None:
-        """Send a frame to every client unchanged."""
+        """Send a frame unchanged to every client, except to those that call over HTTP."""
         self._connections.send_raw(data)
 
     def _replace_fault(self, name: str, type_name: str, **arguments: object) -> None:

@@ -315,6 +315,7 @@ class AgentProcess:
         self.wait_says("connected to ", times)
 
     def close(self) -> None:
+        """End the agent by SIGINT, or kill it after `TIMEOUT`; idempotent."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
             try:
@@ -325,7 +326,7 @@ class AgentProcess:
         self.wait_read()
 
     def wait_read(self) -> None:
-        """Wait until all log messages of the ended agent have been read."""
+        """Wait, for `TIMEOUT` at most, until the log of the ended agent is read; then close it."""
         self._reader.join(TIMEOUT)
         assert self.process.stderr is not None
         self.process.stderr.close()

@@ -272,7 +272,7 @@ class Execution:
     # Events
 
     def update_position(self) -> None:
-        """Give the position of the robot to the order.
+        """Give the position of the robot to the order; do nothing while it is unknown.
 
         In mode MANUAL, also forget the last node once the robot has left it.
         """
@@ -281,21 +281,24 @@ class Execution:
         if not self.active:
             self._link_was_lost = False
         # while the link was lost, people may have moved the robot, unless the action moves it
-        is_acting = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
-        self.order.moved(
-            place, by_action=is_acting or self.tasks.confirmed, confirmed=self.drive.confirmed
-        )
+        by_action = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
+        by_task = self.tasks.confirmed  # of an action
+        self.order.moved(place, by_action=by_action or by_task, confirmed=self.drive.confirmed)
         if self.robot.status is not None and self.robot.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()
 
     def clear_forbidden_order(self) -> None:
-        """Clear the order if the mode of the robot, or the loss of its position, forbids one."""
+        """Clear the order if the mode of the robot, or the loss of its position, forbids one.
+
+        If the mode forbids it, also cancel what was started before a restart, and forget the last
+        node; in mode MANUAL, `update_position` does the latter.
+        """
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
             self.cancel_leftovers()
             self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
-            # a busy order needs its last node until it has ended; in mode MANUAL, `update_position`
-            # forgets the last node, but only once the robot has left it
+            # a busy order needs its last node until it has ended; in mode MANUAL, the robot may
+            # still stand on it
             if mode is not OperatingMode.MANUAL and not self.order.busy:
                 self.order.set_last_node("")
         elif self._has_lost_position:

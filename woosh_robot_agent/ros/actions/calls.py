@@ -108,7 +108,8 @@ class CallActionGoal:
             control = getattr(self._arg, "action", None)
             if control is None or control.value != action_pb2.kCancel:
                 raise
-            return self._context.to_proto(type(self._arg)())  # nothing may prevent a cancel
+            # nothing may prevent a cancel; a blank command is one, because kCancel is 0
+            return self._context.to_proto(type(self._arg)())
 
     def cancel_request(self) -> Message:
         return self._call_action(action_pb2.kCancel)

@@ -178,7 +178,10 @@ class GiveUp:
         self._set_deadline(f"no answer to the goal: {error}")
 
     def report(self) -> None:
-        """Clear the deadline and reset all counts: the chassis reported on the goal."""
+        """Reset all counts: the chassis reported on the goal.
+
+        Clear the deadline, too, unless the link is lost.
+        """
         if not self._is_link_lost:  # otherwise the report is from before the loss
             self._deadline = None
         self._fruitless_polls = 0

@@ -203,7 +203,10 @@ class GoalRun:
     # Phases
 
     def _advance(self, step: Step) -> None:
-        """Enter the phase that follows `step`, and set `accepted` once it is decided."""
+        """Enter the phase that follows `step`, and set `accepted` once it is decided.
+
+        If the chassis has accepted the goal, also tell older goals, and send a pending cancel.
+        """
         before = self.phase
         self.phase = TRANSITIONS.get((before, step), before)
         if self.accepted.done():
@@ -448,6 +451,7 @@ class GoalRun:
         self._next_poll = self._clock() + period
 
     def _polled(self, polled: Polled) -> End | None:
+        """Handle the answer to a poll; return the end that it reports, or that of giving up."""
         for report in polled.result.reports:
             if report.message == self._last_report:
                 if report.outcome is not None:
@@ -472,6 +476,10 @@ class GoalRun:
         return end
 
     def _poll_failed(self, failed: PollFailed) -> End | None:
+        """Handle a poll without an answer; return the end if it is time to give up.
+
+        A poll that was not sent, or was cut off by a loss of the link, counts for nothing.
+        """
         if failed.is_silent:
             self._give_up.chassis_silent(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):

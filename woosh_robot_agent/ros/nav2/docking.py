@@ -114,7 +114,7 @@ class DockRobot(_Docking):
 
         def tick() -> None:
             reasons = self.context.objections_except_busy
-            # also if the service `stop` ends the goal: it may only have paused the task
+            # not `is_ending`: the service `stop` ends the goal, but may only have paused the task
             if is_paused and reasons and not goal.is_cancelled:
                 # the task could stay paused for ever, or the robot could later drive on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))

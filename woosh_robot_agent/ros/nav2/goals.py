@@ -114,8 +114,10 @@ class CancelLog:
         return self._last_source
 
     def _answered(self, command: AnsweredCommand) -> None:
+        """Note a cancel that the chassis has accepted, unless the client of its goal sent it."""
         message = command.message
         if isinstance(message, CallAction) and (member := message.WhichOneof("action")):
+            # a setting has no field `action`
             is_cancel = getattr(getattr(message, member), "action", None) == kCancel
         else:
             is_cancel = isinstance(message, ActionOrder) and message.order == action.kCancel
@@ -503,6 +505,7 @@ class Nav2Action(ABC):
             self._start,
             context.result_timeout,
             self.check,
+            # a result with `error_msg` can tell the client why, which a rejection cannot
             rejects=not hasattr(self.action_type.Result, "error_msg"),
             services=RARE_QOS,
             feedback=RARE_QOS,

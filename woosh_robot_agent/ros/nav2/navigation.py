@@ -160,7 +160,14 @@ class Progress:
         return float(self._distances[self._segment]) - along
 
     def _use_path(self, path: NavPath | None, here: Any) -> None:
-        """Set the points and distances of a path, and the segment nearest to `here`."""
+        """Set the points and distances of a path, and the segment nearest to the robot.
+
+        Remove the points if there is no path, or if the path does not lead to the goal.
+
+        Args:
+            path: the reported path; None without one.
+            here: position of the robot in the map: an array of x and y, in metres.
+        """
         poses = () if path is None else path.path.poses
         points = numpy.array([(each.x, each.y) for each in poses]).reshape(-1, 2)
         end = (self._goal.x, self._goal.y)
@@ -170,6 +177,7 @@ class Progress:
             return
         lengths = numpy.hypot(*numpy.diff(points, axis=0).T)
         self._points = points
+        # summed from the end of the path to its start
         self._distances = numpy.append(numpy.cumsum(lengths[::-1])[::-1], 0.0)
         nearest = int(numpy.hypot(*(points - here).T).argmin())
         # the robot may be just before or behind this point, so begin with the segment before it

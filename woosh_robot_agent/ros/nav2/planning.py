@@ -34,10 +34,11 @@ class _Planning(Nav2Action):
         self.log_unused(request, "planner_id")
 
     async def plan(self, goal: Nav2Goal, goals: Sequence[PoseStamped]) -> None:
-        """Plan the path to some poses, one after the other.
+        """Plan the path to some poses, one after the other, and store it in the goal's result.
 
         Raises:
-            GoalEnd: there is no such path.
+            GoalEnd: there is no such path, the robot's pose is not known, the chassis does not
+                answer, or the goal has ended before.
         """
         start = goal.request.start if goal.request.use_start else self._robot_pose()
         try:

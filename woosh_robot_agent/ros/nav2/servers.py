@@ -197,8 +197,9 @@ class Costmaps:
 
     def __init__(self, context: PartContext) -> None:
         self._is_logged = False
+        """True once a log message has said that clearing has no effect."""
         for name, type_name in CLEARING.items():
-            if hasattr(nav2_services, type_name):
+            if hasattr(nav2_services, type_name):  # not all releases of Nav2 have all types
                 create_service(context, name, partial(self._clear, name))
 
     async def _clear(self, name: str, _request: Any, _response: Any) -> None:

@@ -60,7 +60,10 @@ class StandardLayer:
 
     @property
     def map_to_odom(self) -> Pose2D | None:
-        """Pose of the frame of the odometry in the map; None if it is unknown, or odom is off."""
+        """Pose of the frame of the odometry in the map.
+
+        None if it is unknown, or if neither the topic odom nor `publish_tf` is on.
+        """
         return next((each.map_to_odom for each in self._parts if isinstance(each, Odom)), None)
 
     def close(self) -> None:

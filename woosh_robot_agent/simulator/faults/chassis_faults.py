@@ -64,7 +64,7 @@ def _lost_localisation(server: Server, injection: Injection) -> End:
 
 
 @fault(
-    "the key switch is at manual: the motors are off; at the end it is back at automatic",
+    "the key switch is at manual: the motors are off; at the end it is back where it was",
     Argument(
         "requests",
         "refused",

@@ -81,7 +81,10 @@ def mode(chassis: Chassis) -> robot_pb2.Mode:
 
 
 def pose_speed(chassis: Chassis) -> robot_pb2.PoseSpeed:
-    """Return pose, velocity and odometer."""
+    """Return the pose, the velocity and the odometer, in whole metres.
+
+    The message has no field for a velocity sideways.
+    """
     base = chassis.base
     return robot_pb2.PoseSpeed(
         robot_id=chassis.robot_id,

@@ -108,7 +108,9 @@ def _read_upload(
     """
     used: set[str] = set()  # files whose content is in the maps, so that they are not kept
     read = _reader(new, used)
-    if SCENE_INDEX in files and SCENE_FILE not in new:
+    is_robot_folder = SCENE_INDEX in files and SCENE_FILE not in new
+    if is_robot_folder:
+        # such a folder has its files in the folders of maps; maps of map_server lie beside these
         maps = read_maps([each for each in new if "/" not in each], read)
         kept = {each: data for each, data in files.items() if each not in used}
         scene = read_robot_scene(name, kept, old)
@@ -127,7 +129,8 @@ def _read_upload(
 def _successor(area: Map, before: Map, *, whole: bool) -> Map:
     """Return an uploaded map with its new version, and with what the robot knows of the old map.
 
-    That is where the real walls are, and, if it is not in the upload, the pose at the end.
+    That is where the real walls are, and the pose at the end, if that is not in the upload and the
+    upload is not a whole folder.
 
     Args:
         area: the map as its files describe it.

@@ -202,7 +202,10 @@ def _add_task(chassis: Chassis, request: AddTask) -> None:
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
     """Add a predefined task set, or replace the one with the same id; return the stored set.
 
-    A set with the id 0 is added with an unused id.
+    A set with the id 0 is added with an unused id, from the time of the robot's clock on.
+
+    Raises:
+        RefusedError: there are too many sets, or the tasks or `times` cannot be used.
     """
     sets = {each.task_set.base.id: each for each in chassis.scene.predefined.repeat_tasks}
     kept = copy_of(request)

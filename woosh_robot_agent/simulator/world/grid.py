@@ -179,7 +179,7 @@ class Grid:
         # Without zeros, by which the lengths below would be divided.
         dx, dy = (np.where(abs(d) < 1e-12, 1e-12, d) for d in (np.cos(angles), np.sin(angles)))
         rows, columns = self.cells.shape
-        # Lengths at which each ray enters the grid, and at which it leaves the grid or ends.
+        # Lengths in cells at which each ray enters the grid, and at which it leaves it or ends.
         x_ends = np.sort((np.array([[0.0], [columns]]) - x) / dx, axis=0)
         y_ends = np.sort((np.array([[0.0], [rows]]) - y) / dy, axis=0)
         travelled = np.maximum(np.maximum(x_ends[0], y_ends[0]) + _OVERSHOOT, 0.0)

@@ -80,7 +80,11 @@ def _invalid(text: str) -> CommandError:
 
 
 def _whole(args: Args, name: str, limit: int) -> int:
-    """Return an argument that is a whole number from 0 to `limit`; 0 if it is missing."""
+    """Return an argument that is a whole number from 0 to `limit`; 0 if it is missing.
+
+    Raises:
+        CommandError: it is something else.
+    """
     value = args.get(name, 0)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= limit:
         raise _invalid(_NOT_WHOLE(name=name, greatest=limit))
@@ -88,6 +92,11 @@ def _whole(args: Args, name: str, limit: int) -> int:
 
 
 def _text(args: Args, name: str) -> str:
+    """Return an argument that is a text of at most `_MAX_TEXT` characters.
+
+    Raises:
+        CommandError: it is missing or something else.
+    """
     text = args.get(name)
     if not isinstance(text, str) or len(text) > _MAX_TEXT or any(map(_is_no_text, text)):
         raise _invalid(_NO_TEXT(name=name, length=_MAX_TEXT))
@@ -100,6 +109,11 @@ def _is_no_text(character: str) -> bool:
 
 
 def _truth(args: Args, name: str) -> bool:
+    """Return an argument that is true or false.
+
+    Raises:
+        CommandError: it is missing or something else.
+    """
     value = args.get(name)
     if not isinstance(value, bool):
         raise _invalid(_NO_TRUTH(name=name))

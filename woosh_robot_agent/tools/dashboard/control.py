@@ -162,7 +162,7 @@ class Control:
         last_known = robot.view.values
         self._explainer = RefusalExplainer(robot.chassis, last_known)
         self._standstill = Standstill(robot.chassis, self._gate, last_known)
-        velocities = VelocitySources(robot.chassis, self._gate)
+        velocities = VelocitySources(self._gate)
         self._who_drives = WhoDrives(
             robot.chassis,
             self._gate,

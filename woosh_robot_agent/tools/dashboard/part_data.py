@@ -60,9 +60,10 @@ _MAX_NAME = 60
 
 
 def pose_data(info: RobotInfo) -> dict[str, Any] | None:
-    """Return pose and speed, in m, rad, m/s and rad/s; None unless all are finite numbers.
+    """Return pose in the map and speed, in m, rad, m/s and rad/s.
 
-    `doubt` says why the pose may mean nothing; it is None without a doubt.
+    None without a pose, or if a number is not finite. `doubt` says why the pose may mean nothing;
+    it is None without a doubt.
     """
     if not info.pose_speed.HasField("pose"):
         return None

@@ -381,7 +381,9 @@ class Robot:
         """Return the state of the link.
 
         `since` is the Unix time at which the link last became ready or was lost, in ms. `delay` is
-        the round-trip time in ms, None if it is unknown. `silence` is in seconds.
+        the round-trip time in ms, None if it is unknown. `silence` is in seconds. `good` is False
+        while what the page shows of the robot may be out of date. `error` tells why there is no
+        link, and `advice` has the options with which `doctor` examines it; both may be empty.
         """
         chassis = self.chassis
         ready, error = chassis.state is LinkState.READY, chassis.last_error

@@ -280,7 +280,7 @@ class Dashboard:
         return response
 
     def _map_picture(self, path: str) -> tuple[bytes, str] | None:
-        """Return a picture of the map of a robot.
+        """Return a picture of the map of a robot, and its content type; None if there is none.
 
         Its path is `/map/ROBOT/NUMBER.png`, or for the keep-out areas `/keepout/ROBOT/NUMBER.png`.
         ROBOT is the index of the robot.
@@ -299,7 +299,7 @@ class Dashboard:
     # WebSockets
 
     async def _serve(self, request: web.BaseRequest) -> web.WebSocketResponse:
-        """Serve a viewer until it disconnects."""
+        """Serve a viewer until it disconnects or is dismissed; refuse one viewer too many."""
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT,
             heartbeat=_HEARTBEAT,

@@ -230,7 +230,7 @@ _MIN_PERIOD_RATIO = 0.7
 
 
 def _rates(seen: Observations) -> _Found:
-    """Yield the times between two pushes, and between two scans."""
+    """Yield the times between two pushes of PoseSpeed, Battery or Operation, and between scans."""
     moving = _gaps([t for t, _ in seen.pushed(PoseSpeed)], ignore_above=_MAX_GAP_MOVING)
     if len(moving) >= _MIN_SAMPLES:
         yield ("rates", "pose_speed"), _median(moving)

@@ -135,7 +135,7 @@ def _progress(
 
 
 async def list_maps(library: MapLibrary, *, as_json: bool) -> None:
-    """Print the scenes and maps of the robot."""
+    """Print the maps of all scenes, as a table or as JSON. A scene without maps is left out."""
     current = await library.current()
     rows: list[dict[str, object]] = []
     for scene in await library.scenes():

@@ -240,7 +240,10 @@ class FrameRecorder:
             self._hand_over(size, self._parse_all, collected)
 
     def close(self) -> None:
-        """Record the current batch, and wait until everything is recorded."""
+        """Record the current batch, and wait until everything is recorded.
+
+        An error of earlier work is raised here.
+        """
         self.record()
         self._thread.shutdown()
         while self._waiting:

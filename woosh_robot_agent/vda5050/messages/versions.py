@@ -99,9 +99,10 @@ class Version:
     def is_3(self) -> bool:
         """True for version 3.
 
-        In version 3, the states of instant actions stay in the state after a new order, until
-        `clearInstantActions`, and an order is cleared when the robot does not know its position any
-        more. For the differences between messages see `reading` and `writing`.
+        In version 3, an update of an order that the vehicle does not have is rejected, the states
+        of instant actions stay in the state after a new order, until `clearInstantActions`, and an
+        order is cleared when the robot does not know its position any more. For the differences
+        between messages see `reading` and `writing`.
         """
         return self.number.startswith("3.")
 

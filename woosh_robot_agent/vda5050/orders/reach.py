@@ -375,7 +375,10 @@ def _is_within(node: NodePosition, before: Position, now: Position) -> bool:
 
 
 def _length(edge: Edge, start: Position | NodePosition | None, end: NodePosition) -> float:
-    """Return the length of an edge, in metres; infinite if its start is unknown."""
+    """Return the length of an edge, in metres.
+
+    Without a trajectory, it is infinite if the start is unknown, or on another map than the end.
+    """
     if edge.trajectory is not None:
         return sum(math.dist(*points) for points in pairwise(curve_points(edge.trajectory)))
     return _distance(start, end)

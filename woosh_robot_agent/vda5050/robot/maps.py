@@ -107,7 +107,11 @@ class RobotMaps:
             self._link.changed()
 
     async def _read_versions(self, scene: str) -> dict[str, str]:
-        """Return the versions of the maps of a scene, by their names."""
+        """Return the versions of the maps of a scene, by their names; {} if the robot refuses.
+
+        Raises:
+            LinkError: the robot did not answer.
+        """
         answer = await self._link.ask(SceneDataEasy(name=scene))
         if not isinstance(answer.body, SceneDataEasy):
             return {}

@@ -472,6 +472,7 @@ class ActionTasks:
     async def _wait_for_leftover(
         self, end: asyncio.Future[str], is_done: Callable[[], bool]
     ) -> None:
+        """Wait until the leftover task ends, or what its action waited for happens; forget it."""
         await self._link.conditions.wait(lambda: end.done() or is_done())
         self._end, self.has_leftover = None, False
         self._link.changed()
