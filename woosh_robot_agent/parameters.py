@@ -296,8 +296,8 @@ _LINK_PARAMETERS = (
     _link("encoding", "Encoding of the frames: json or protobuf; tcp always uses protobuf."),
     _link(
         "robot_id",
-        "Id of the robot in queries, for a gateway; 0 sends no id. Velocities carry no id: a gateway "
-        "needs a port for each robot.",
+        "Id of the robot in queries, for a gateway; 0 sends no id. Velocities carry no id: a "
+        "gateway needs a port for each robot.",
         0,
         2**32 - 1,
     ),
