@@ -360,6 +360,16 @@ async def test_a_stall_is_noticed_wherever_it_lies_between_two_heartbeats() -> N
                 await soon(rig.drive(2, sender=sent(0.0)))
 
 
+async def test_a_suspension_of_the_computer_is_a_stall(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The monotonic time stands still meanwhile."""
+    clock = time.clock_gettime
+    async with gated() as rig:
+        await asyncio.sleep(0)
+        monkeypatch.setattr(time, "clock_gettime", lambda which: clock(which) + 60.0)
+        with pytest.raises(SupersededError, match="stood still for 60"):
+            await soon(rig.drive(1, sender=sent(0.0)))
+
+
 async def test_a_stall_while_the_link_is_being_made_counts() -> None:
     """Otherwise a command of that time would be executed as soon as the link is ready."""
 

@@ -103,8 +103,13 @@ class SenderClock:
         return self.published(source, received, taken)
 
 
+def boot_time() -> float:
+    """Return a time in seconds that does not jump, and counts while the computer is suspended."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
 class StallWatch:
-    """Notices that the event loop, or the whole process, stood still.
+    """Notices that the event loop, the whole process or the computer stood still.
 
     Args:
         timing: returns the current `MotionTiming`.
@@ -119,8 +124,8 @@ class StallWatch:
         self.ended = -math.inf
         self.duration = 0.0
         self._last = math.inf
-        """Loop time of the last heartbeat, or of the end of a stall since; inf before `start` and
-        after `stop`."""
+        """Time of the last heartbeat, or of the end of a stall since, by `boot_time`; inf before
+        `start` and after `stop`."""
         self._timer: asyncio.TimerHandle | None = None
 
     def start(self) -> None:
@@ -137,9 +142,9 @@ class StallWatch:
 
     def check(self) -> None:
         """Notice a stall that has just ended, even before the next heartbeat. Thread-safe."""
-        now = time.monotonic()
+        now = boot_time()
         if now - self._last > self._timing().stall:
-            self.ended, self.duration = now, now - self._last
+            self.ended, self.duration = time.monotonic(), now - self._last
             self._last = now
 
     def is_from_before(self, published: float) -> bool:
@@ -152,7 +157,7 @@ class StallWatch:
 
     def _beat(self, loop: asyncio.AbstractEventLoop) -> None:
         self.check()
-        self._last = now = time.monotonic()
+        self._last, now = boot_time(), time.monotonic()
         # multiples of the period, so that the watches of all robots wake the loop at the same time
         self._timer = loop.call_at((now // _PERIOD + 1) * _PERIOD, self._beat, loop)
 

@@ -9,7 +9,6 @@ import math
 import os
 import re
 import ssl
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -22,6 +21,7 @@ import aiomqtt
 from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.tasks import run_with_timeout
+from woosh_robot_agent.motion.timeliness import boot_time
 
 _LOG = logging.getLogger(__name__)
 _LIBRARY_LOG = logging.getLogger(f"{__name__}.library")
@@ -147,7 +147,7 @@ class MqttConnection:
         self._connected_at = math.inf
         """Loop time at which the connection of the last attempt began; infinite without one."""
         self._awake_at = math.inf
-        """Last time, by `_boot_time`, at which this program was awake during the connection."""
+        """Last time, by `boot_time`, at which this program was awake during the connection."""
 
     def publish(self, publication: Publication) -> None:
         """Queue a message for publication; drop it if there is no connection."""
@@ -220,7 +220,7 @@ class MqttConnection:
             self._outbox = asyncio.Queue()
             self.connected = True
             self._connected_at = asyncio.get_running_loop().time()
-            self._awake_at = _boot_time()
+            self._awake_at = boot_time()
             _LOG.info("connected to the broker at %s:%d", broker.host, broker.port)
             self._on_connected()
             work = [
@@ -257,7 +257,7 @@ class MqttConnection:
         Raises:
             MqttError: it stood still before this check, or before an earlier one.
         """
-        now = _boot_time()
+        now = boot_time()
         if now - self._awake_at > 1.5 * self._broker.keepalive:
             raise aiomqtt.MqttError("this program stood still; what came meanwhile is ignored")
         self._awake_at = now
@@ -281,11 +281,6 @@ class MqttConnection:
         while True:
             await client.publish(*await self._outbox.get())
             self._outbox.task_done()
-
-
-def _boot_time() -> float:
-    """Return a time in seconds that does not jump, and counts while the computer is suspended."""
-    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class _Client(aiomqtt.Client):
