@@ -31,6 +31,7 @@ from woosh_robot_agent.link import (
     NotPermittedError,
     RequestTimeoutError,
     SupersededError,
+    TooManyRequestsError,
 )
 from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
 from woosh_robot_agent.motion.gate import ZeroRefusedError
@@ -346,6 +347,25 @@ async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:
         await eventually(lambda: rig.gate.owner == "task 7")
         await turns()
         assert len(types(rig.wire)) == sent
+
+
+async def test_a_task_that_was_not_sent_before_a_stop_is_no_start() -> None:
+    async def hang_while_speaking(wire: Wire, frame: Frame) -> bool:
+        return frame["type"] == "woosh.robot.Speak" or await answer_all(wire, frame)
+
+    limit = {"max_in_flight": 1}
+    async with gated(hang_while_speaking, link=limit, hold=0.0, effect=NEVER) as rig:
+        speaking = asyncio.ensure_future(rig.client.request(Speak(text="x")))
+        await turns()
+        with pytest.raises(TooManyRequestsError):
+            await rig.gate.request(ExecTask(task_id=6))
+        await soon(rig.gate.stop(TIMEOUT))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)  # of another client
+        await eventually(lambda: rig.gate.owner == "task 7")
+        await turns()
+        assert len(types(rig.wire)) == sent
+        speaking.cancel()
 
 
 # The agent ends

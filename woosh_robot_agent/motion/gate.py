@@ -41,8 +41,10 @@ from woosh_robot_agent.link import (
     ChassisClient,
     LinkError,
     LinkState,
+    NotConnectedError,
     Sending,
     SupersededError,
+    TooManyRequestsError,
 )
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import call_logged
@@ -445,10 +447,13 @@ class MotionGate:
         sent_before = self._starts.get(started, -math.inf)
         if started:  # now, because the answer may be lost, or come after the report
             self._starts[started] = sent
-        answer = await self._send(message, how)  # rule 3: once
+        try:
+            answer = await self._send(message, how)  # rule 3: once
+        except (NotConnectedError, SupersededError, TooManyRequestsError):  # nothing was sent
+            self._forget_start(started, sent, sent_before)
+            raise
         if not answer.ok:
-            if self._starts.get(started) == sent:
-                self._starts[started] = sent_before
+            self._forget_start(started, sent, sent_before)
             # rule 6: the start has ended all earlier velocities, and this later one was refused;
             # after any other refusal, an earlier velocity may still drive the robot
             if message is self._unanswered_at_start and message is self._last_velocity:
@@ -463,6 +468,11 @@ class MotionGate:
         elif message is self._last_velocity and not moves:  # an accepted zero
             self._drives_until = -math.inf
         return answer
+
+    def _forget_start(self, started: str, sent: float, before: float) -> None:
+        """Note that a command that was sent at `sent` starts nothing; one before it still may."""
+        if self._starts.get(started) == sent:
+            self._starts[started] = before
 
     def refusal(self, published: float | None) -> str:
         """Return why a command may not move the robot now; empty if it may. Thread-safe.
