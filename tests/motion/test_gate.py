@@ -306,6 +306,18 @@ async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancel
         starting.cancel()
 
 
+async def test_a_second_start_before_a_stop_is_also_cancelled_late() -> None:
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        for number in (6, 7):
+            await ok(rig.gate.request(ExecTask(task_id=number)))
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "robotTaskId": "6"})
+        await eventually(lambda: rig.gate.owner == "task 6")
+        await soon(rig.gate.stop(TIMEOUT))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
+
+
 async def test_a_late_start_that_is_not_cancelled_is_an_error(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -331,6 +343,18 @@ async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> 
         await soon(rig.gate.stop(TIMEOUT))
         if not by_other:
             await ok(rig.gate.request(ExecTask(task_id=7)))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner == "task 7")
+        await turns()
+        assert len(types(rig.wire)) == sent
+
+
+async def test_a_start_after_a_stop_that_ended_one_before_it_began_is_not_cancelled() -> None:
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        await ok(rig.gate.request(ExecTask(task_id=6)))
+        await soon(rig.gate.stop(TIMEOUT))
+        await ok(rig.gate.request(ExecTask(task_id=7)))
         sent = len(types(rig.wire))
         await rig.wire.push("woosh.robot.TaskProc", RUNNING)
         await eventually(lambda: rig.gate.owner == "task 7")
