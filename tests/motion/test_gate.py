@@ -31,6 +31,7 @@ from woosh_robot_agent.link import (
     NotPermittedError,
     RequestTimeoutError,
     SupersededError,
+    TooManyRequestsError,
 )
 from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
 from woosh_robot_agent.motion.gate import ZeroRefusedError
@@ -305,6 +306,18 @@ async def test_what_begins_after_a_stop_although_it_was_started_before_is_cancel
         starting.cancel()
 
 
+async def test_a_second_start_before_a_stop_is_also_cancelled_late() -> None:
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        for number in (6, 7):
+            await ok(rig.gate.request(ExecTask(task_id=number)))
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "robotTaskId": "6"})
+        await eventually(lambda: rig.gate.owner == "task 6")
+        await soon(rig.gate.stop(TIMEOUT))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
+
+
 async def test_a_late_start_that_is_not_cancelled_is_an_error(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -337,6 +350,18 @@ async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> 
         assert len(types(rig.wire)) == sent
 
 
+async def test_a_start_after_a_stop_that_ended_one_before_it_began_is_not_cancelled() -> None:
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        await ok(rig.gate.request(ExecTask(task_id=6)))
+        await soon(rig.gate.stop(TIMEOUT))
+        await ok(rig.gate.request(ExecTask(task_id=7)))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner == "task 7")
+        await turns()
+        assert len(types(rig.wire)) == sent
+
+
 async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:
     async with gated(hold=0.0, effect=NEVER) as rig:
         await ok(rig.gate.request(Follow(type=True)))
@@ -346,6 +371,25 @@ async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:
         await eventually(lambda: rig.gate.owner == "task 7")
         await turns()
         assert len(types(rig.wire)) == sent
+
+
+async def test_a_task_that_was_not_sent_before_a_stop_is_no_start() -> None:
+    async def hang_while_speaking(wire: Wire, frame: Frame) -> bool:
+        return frame["type"] == "woosh.robot.Speak" or await answer_all(wire, frame)
+
+    limit = {"max_in_flight": 1}
+    async with gated(hang_while_speaking, link=limit, hold=0.0, effect=NEVER) as rig:
+        speaking = asyncio.ensure_future(rig.client.request(Speak(text="x")))
+        await turns()
+        with pytest.raises(TooManyRequestsError):
+            await rig.gate.request(ExecTask(task_id=6))
+        await soon(rig.gate.stop(TIMEOUT))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)  # of another client
+        await eventually(lambda: rig.gate.owner == "task 7")
+        await turns()
+        assert len(types(rig.wire)) == sent
+        speaking.cancel()
 
 
 # The agent ends

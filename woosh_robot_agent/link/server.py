@@ -93,7 +93,8 @@ class Listener:
     async def close(self) -> None:
         """Stop listening, and end HTTP connections and WebSockets; TCP connections stay open.
 
-        Their handlers first get about a second to return. This returns after three seconds at most.
+        The handlers of WebSockets first get about a second to return. This returns after three
+        seconds at most.
         """
         self._server.close()
         with contextlib.suppress(TimeoutError):

@@ -41,8 +41,10 @@ from woosh_robot_agent.link import (
     ChassisClient,
     LinkError,
     LinkState,
+    NotConnectedError,
     Sending,
     SupersededError,
+    TooManyRequestsError,
 )
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import call_logged
@@ -237,9 +239,9 @@ class MotionGate:
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
         """Monotonic time at which the chassis last accepted a task or driving action from here."""
-        self._starts: dict[str, float] = {}
-        """Monotonic time at which the last task, and the last action of each kind, from here was
-        sent; without those that have begun since. Named as in `started_by`."""
+        self._starts: dict[str, list[float]] = {}
+        """Monotonic times at which tasks, and actions of each kind, were sent from here, the oldest
+        first; without those that have begun since. Named as in `started_by`."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -442,13 +444,15 @@ class MotionGate:
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + self.timing.driving
         started, sent = started_by(message), time.monotonic()
-        sent_before = self._starts.get(started, -math.inf)
         if started:  # now, because the answer may be lost, or come after the report
-            self._starts[started] = sent
-        answer = await self._send(message, how)  # rule 3: once
+            self._starts[started] = [*self._recent_starts(started), sent]
+        try:
+            answer = await self._send(message, how)  # rule 3: once
+        except (NotConnectedError, SupersededError, TooManyRequestsError):  # nothing was sent
+            self._forget_start(started, sent)
+            raise
         if not answer.ok:
-            if self._starts.get(started) == sent:
-                self._starts[started] = sent_before
+            self._forget_start(started, sent)
             # rule 6: the start has ended all earlier velocities, and this later one was refused;
             # after any other refusal, an earlier velocity may still drive the robot
             if message is self._unanswered_at_start and message is self._last_velocity:
@@ -463,6 +467,15 @@ class MotionGate:
         elif message is self._last_velocity and not moves:  # an accepted zero
             self._drives_until = -math.inf
         return answer
+
+    def _recent_starts(self, started: str) -> list[float]:
+        """Return the times in `_starts` that may still matter after a stop."""
+        oldest = time.monotonic() - 2 * self.timing.effect
+        return [each for each in self._starts.get(started, ()) if each > oldest]
+
+    def _forget_start(self, started: str, sent: float) -> None:
+        """Note that a command that was sent at `sent` starts nothing."""
+        self._starts[started] = [each for each in self._recent_starts(started) if each != sent]
 
     def refusal(self, published: float | None) -> str:
         """Return why a command may not move the robot now; empty if it may. Thread-safe.
@@ -514,8 +527,11 @@ class MotionGate:
     def _start_reported(self, started: str, drives: bool) -> None:
         """Note that a task or an action has begun. If it drives, no earlier velocity does."""
         stopped, effect = self._stop_called, self.timing.effect
-        sent = self._starts.pop(started, -math.inf)
-        if stopped - effect < sent < stopped and time.monotonic() < stopped + effect:
+        sent = self._recent_starts(started) or [-math.inf]
+        self._starts[started] = sent[1:]
+        # what was sent after the stop may be what begins
+        is_late = stopped - effect < sent[0] and sent[-1] < stopped
+        if is_late and time.monotonic() < stopped + effect:
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives or time.monotonic() < self._wheels_taken + self.timing.driving:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity

@@ -1,4 +1,4 @@
-"""The task and the actions that the chassis reports as moving the robot; which own its wheels."""
+"""The task and the actions that move the robot, as the chassis reports, and who owns its wheels."""
 
 from __future__ import annotations
 

@@ -44,6 +44,14 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
 )
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
+from woosh_robot_agent.pb.ros.action_pb2 import LiftControl
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
+    CallAction,
+    Feedback,
+    Feedbacks,
+    kRosExecuting,
+    kRosSuccess,
+)
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -412,6 +420,23 @@ async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
         freeze.clear()
         await second.give("stop")
         await first.until(lambda parts: not parts["fleet"][0]["alarm"])
+
+
+async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift(
+    chassis: SimulatorThread,
+) -> None:
+    lift = Feedback(action=full_name(LiftControl), state=kRosExecuting)
+    async with controlled(chassis) as viewer:
+        chassis.push(Feedbacks(fbs=[lift]))
+        await viewer.until(lambda parts: parts["robot"]["actions"])
+        chassis.refuse(full_name(CallAction), "Request failed")
+        await viewer.refused("stop")
+        await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
+        await viewer.passed(3.0)
+        assert viewer.parts["fleet"][0]["alarm"]
+        lift.state = kRosSuccess
+        chassis.push(Feedbacks(fbs=[lift]))
+        await viewer.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
 @pytest.mark.parametrize("how", ["release", "watch"])

@@ -133,6 +133,8 @@ class GoalRun:
         self._is_displaced = False
         """True if a push after the last report shows that the chassis no longer executes this
         goal."""
+        self._possible_cancel: Message | None = None
+        """A report that may be the cancel of this goal, or repeat that of an earlier one."""
         self._next_poll = 0.0
         """Loop time of the next poll."""
         self._starting: asyncio.Task[None] | None = None
@@ -360,8 +362,10 @@ class GoalRun:
     def _may_be_repeated(self, report: Report) -> bool:
         """Return True if a push may only repeat the end of an earlier goal."""
         may_be_repeated = self._attribution.repeats_previous(report.message, report.outcome)
-        if may_be_repeated and self._cancellation.requested:
-            self._poll_once_begun()  # perhaps it is the cancel of this goal
+        if may_be_repeated and self._cancellation.requested and self.phase.accepted:
+            self._poll_once_begun()  # perhaps it is the end of this goal
+            if report.outcome is Outcome.CANCELED:
+                self._possible_cancel = report.message
         return may_be_repeated
 
     def _note_report(self) -> None:
@@ -462,6 +466,8 @@ class GoalRun:
                 end = self._take_reports([report])
                 if end is not None:
                     return end
+        if not polled.result.reports and (end := self._cancel_unless_begun()):
+            return end
         unknown = polled.result.unknown
         # the answer does not tell, but a push has shown that the chassis does not execute this goal
         if unknown is None and self._is_displaced:
@@ -483,8 +489,19 @@ class GoalRun:
         if failed.is_silent:
             self._give_up.chassis_silent(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):
-            return self._aborted_if(self._give_up.poll_unanswered(failed.error))
+            end = self._cancel_unless_begun()
+            return end or self._aborted_if(self._give_up.poll_unanswered(failed.error))
         return None
+
+    def _cancel_unless_begun(self) -> End | None:
+        """Return the end if a cancel was reported, and no report shows that the goal has begun.
+
+        For a chassis that tells nothing when it is polled.
+        """
+        has_begun = self._attribution.has_report
+        if self._possible_cancel is None or has_begun or self._give_up.is_state_unknown:
+            return None
+        return End(Outcome.CANCELED, self._possible_cancel, Cause.REPORT)
 
     # Tasks
 

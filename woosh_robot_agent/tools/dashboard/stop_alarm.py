@@ -9,6 +9,7 @@ from typing import Any
 
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion.gate import StopReport
+from woosh_robot_agent.motion.wheel_owner import ACTIONS, EXECUTING
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.robot import Robot
@@ -22,6 +23,8 @@ they move sideways."""
 
 class StopAlarm:
     """Remembers that a stop was not confirmed, until a later one is, or the robot stands still.
+
+    A robot that executes an action, e.g. moves a lift, does not stand still.
 
     Args:
         robot: the robot.
@@ -73,8 +76,13 @@ class StopAlarm:
             self._reason = ""
 
     def _may_move(self) -> bool:
-        """Return True unless the robot reports that it stands where it stood."""
-        pose, former = part_data.pose_data(self._robot.view.info), self._pose
+        """Return True unless the robot reports that it stands where it stood, without an action."""
+        view, former = self._robot.view, self._pose
+        if any(
+            each.action in ACTIONS and each.state in EXECUTING for each in view.actions.values()
+        ):
+            return True
+        pose = part_data.pose_data(view.info)
         if pose is None or former is None or pose["linear"] or pose["angular"]:
             return True
         return math.dist(*((each["x"], each["y"]) for each in (pose, former))) > _SAME_PLACE

@@ -17,9 +17,9 @@ from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.texts import Text
 
 _MAX_NOTES = 100
-"""Maximum number of waiting notes; a viewer with more waiting notes is disconnected."""
+"""Maximum number of waiting notes and parts. One more note disconnects the viewer."""
 _PIECE = 16_000
-"""Maximum length of a message with a part, in characters. A longer part is sent in pieces."""
+"""Maximum length of a message, in characters. A longer part or note is sent in pieces."""
 
 
 class Viewer:
@@ -27,8 +27,8 @@ class Viewer:
 
     A note is a message that must not be left out, e.g. the reply to a command. A slow viewer gets
     fewer messages: of each part only the newest one. It delays no other viewer. Between the pieces
-    of a large part, e.g. the map, it gets other messages. A large part that changes meanwhile is
-    sent to its end first, because it may change faster than it can be sent.
+    of a large part or note, e.g. the map, it gets other messages. A large part that changes
+    meanwhile is sent to its end first, because it may change faster than it can be sent.
 
     Args:
         socket: the WebSocket.
@@ -77,9 +77,9 @@ class Viewer:
         self._is_time_due = False
         """True if the time has to be sent."""
         self._stale: dict[tuple[Parts, str], None] = {}
-        """The parts to send, as `Parts` object and name, in their order, as an ordered set."""
+        """The parts and large notes to send, as `Parts` object and name, as an ordered set."""
         self._begun: dict[tuple[Parts, str], tuple[str, int]] = {}
-        """Messages of which only pieces have been sent, and how many characters, by their part."""
+        """Messages of which only pieces have been sent, and how many characters, as in `_stale`."""
         self._notes: list[str] = []
         """Notes to send, without the large ones, which are in `_stale`."""
         self._large_notes = itertools.count()
@@ -119,7 +119,7 @@ class Viewer:
                 parts.watch(self, partial(self._changed, parts))
 
     def note(self, **content: Any) -> None:
-        """Send a note to the page; disconnect the viewer if too many notes wait."""
+        """Send a note to the page; disconnect the viewer if too much waits."""
         message = json.dumps(content, separators=(",", ":"))
         if len(self._notes) + len(self._stale) >= _MAX_NOTES:
             abort_transport(self._transport)

@@ -8,6 +8,7 @@ import * as store from "./store.js";
 const DOUBLE_CLICK = 500; // milliseconds within which a repeated command is not sent
 const REPLAN = 0.5; // metres that the robot may move before a path to the target is planned anew
 const STANDSTILL = 1000; // milliseconds for which a robot must stand still to end its alarm
+const EXECUTING = ["executing", "err msg", "pause failed"]; // states of an action that goes on
 const SAME_PLACE = 0.01; // metres between two poses of a robot that stands still
 
 export const connection = new Connection(received, receivedScan, (problem) => {
@@ -129,7 +130,8 @@ function checkAlarm() {
   const seen = !store.outdated.value && store.watching.value === store.chosen.value;
   // robots report no speed while they move sideways
   const stays = pose && Math.hypot(pose.x - standsAt.x, pose.y - standsAt.y) < SAME_PLACE;
-  if (!(seen && stays && !pose.linear && !pose.angular)) {
+  const acts = store.robot.value?.actions.some(({ state }) => EXECUTING.includes(state)); // e.g. a lift
+  if (!(seen && stays && !acts && !pose.linear && !pose.angular)) {
     standingSince = now;
     standsAt = pose ?? standsAt;
   }
