@@ -173,6 +173,24 @@ async def test_charging_without_a_charger_fails(site: Site) -> None:
     assert commands(site.chassis) == []
 
 
+@pytest.mark.parametrize("is_on_map", [True, False])
+async def test_a_robot_that_does_not_know_its_position_is_not_said_to_lack_the_mark(
+    site: Site, is_on_map: bool
+) -> None:
+    if is_on_map:
+        site.chassis.lose_localisation()
+    else:
+        edit_bodies(site.chassis, RobotInfo, lambda info: info.pose_speed.ClearField("map_id"))
+    async with site.online() as master:
+        master.instant(
+            action("startCharging", "nearest"), action("startCharging", "named", stationName="C1")
+        )
+        for each in ("nearest", "named"):
+            state = await master.status(each, "FAILED")
+            assert result_of(state, each) == "the robot does not know its position"
+    assert commands(site.chassis) == []
+
+
 async def test_pick_and_drop_move_the_lift(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         pick = action("pick", "pick", stationType="floor", loadType="EPAL")

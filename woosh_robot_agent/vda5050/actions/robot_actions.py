@@ -77,14 +77,14 @@ async def _nearest_charger(run: Run) -> str:
     """Return the number of the nearest charger.
 
     Raises:
-        ActionFailedError: there is no charger within reach, the position of the robot is not known,
+        ActionFailedError: there is no charger within reach, the robot does not know its position,
             or it refused to tell its marks.
         LinkError: the robot could not be reached.
     """
-    here = run.execution.robot.position
     answer = await run.request(storage_edit_pb2.Storages())
+    here = run.require_position()
     distances: dict[str, float] = {}
-    if here is not None and isinstance(answer.body, Storages):
+    if isinstance(answer.body, Storages):
         for charger in answer.body.chargers:
             pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
             distances[charger.identity.no] = math.dist((pose.x, pose.y), here.point)
