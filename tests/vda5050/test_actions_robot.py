@@ -234,6 +234,17 @@ async def test_actions_that_are_tasks_of_the_robot_wait_for_each_other(site: Sit
     assert commands(site.chassis) == ["drive", "carry U5", "carry U5"]
 
 
+async def test_two_actions_that_look_for_a_charger_at_once_begin_one_task(site: Site) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    async with site.online() as master:
+        names = ("first", "second")
+        master.instant(*(action("startCharging", each, blocking="SOFT") for each in names))
+        for each in names:
+            await master.status(each, "FINISHED")
+    assert commands(site.chassis) == ["charge C1"]
+
+
 async def test_the_robots_own_actions(site: Site) -> None:
     async with site.online() as master:
         before = site.chassis.state.pose

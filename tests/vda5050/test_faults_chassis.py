@@ -258,8 +258,9 @@ async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
     assert site.chassis.counts[EXEC] == 1
 
 
+@pytest.mark.parametrize("is_drive", [False, True])
 async def test_no_action_begins_a_task_while_one_that_began_too_late_is_cancelled(
-    site: Site, monkeypatch: pytest.MonkeyPatch
+    site: Site, monkeypatch: pytest.MonkeyPatch, is_drive: bool
 ) -> None:
     shorten(tasks, monkeypatch)
     site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
@@ -267,8 +268,12 @@ async def test_no_action_begins_a_task_while_one_that_began_too_late_is_cancelle
     async with site.online() as master:
         show = hide_tasks(site.chassis)
         set_speed(site.chassis, 0.001)
-        master.instant(action("startCharging", "late"))
-        await master.status("late", "FAILED")
+        if is_drive:
+            master.order([node("a", 0, -9.5, 0.5), node("b", 2, -8.0, 0.5)])
+            await master.error("drivingError")
+        else:
+            master.instant(action("startCharging", "late"))
+            await master.status("late", "FAILED")
         site.chassis.call(lambda simulator: simulator.chassis.tasks.pause("it stands"))
         set_speed(site.chassis, 20.0)
         site.chassis.refuse(ORDER, "Request failed")

@@ -113,14 +113,23 @@ class Run:
             await self.link.conditions.wait(lambda: not execution.pause_wanted)
 
     async def wait_for_tasks(self) -> None:
-        """Wait until the robot has left its last task: it executes one at a time."""
+        """Wait until the robot has left its last task, and while the vehicle is paused.
+
+        The robot executes one task at a time. Begin the next one without waiting for anything else.
+
+        Raises:
+            ActionFailedError: the robot drives along an order.
+        """
+        execution = self.execution
 
         def may_start() -> bool:
-            return not (self.execution.tasks.is_busy or self.execution.is_leaving_task)
+            is_busy = execution.tasks.is_busy or execution.drive.is_late
+            return not (is_busy or execution.is_leaving_task or execution.pause_wanted)
 
+        self.require_not_driving_order()
         while not may_start():
             await self.link.conditions.wait(may_start)
-            await self.wait_until_resumed()
+            self.require_not_driving_order()
 
     def require_position(self) -> Position:
         """Return the position of the robot.
