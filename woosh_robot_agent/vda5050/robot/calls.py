@@ -374,8 +374,10 @@ class RobotCalls:
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
             mine = [each for each in reports if each.action == name]
             self._answers_queries = self._answers_queries or bool(reports)
-            # a robot that does not answer queries may report on the action nevertheless
-            is_known = call.reported and not (answer.ok and self._answers_queries)
+            # a robot that does not answer queries may report on the action nevertheless; but if it
+            # reports nothing after it has accepted a cancellation, the action may have ended
+            may_only_push = not (answer.ok and self._answers_queries)
+            is_known = call.reported and may_only_push and not call.controller.cancel_accepted
             if mine and mine[-1] != self._ends.get(name):
                 self._handle_report(call, mine[-1])
                 # if nothing shows that this call has begun, a reported end is of an earlier call

@@ -324,10 +324,11 @@ class TaskRunner:
                 is_current = await self._ask_current(task_id)
                 if is_current or await self._ask_history(task_id):
                     return
-                if is_current is None and self.confirmed:
+                is_cancelled = self._controller.cancel_accepted
+                if is_current is None and self.confirmed and not is_cancelled:
                     return  # the robot refuses queries, but reports on the task
                 if clock() > deadline:
-                    if not await self._executes_unnamed_task():
+                    if is_cancelled or not await self._executes_unnamed_task():
                         self._end(task_id, _UNKNOWN_TASK)
                     return
             except LinkError as error:
@@ -378,7 +379,10 @@ class TaskRunner:
 
     async def _executes_unnamed_task(self) -> bool:
         """Return True if the robot tells that it executes a task, but not which one."""
-        answer = await self._link.ask(RobotInfo())
+        try:
+            answer = await self._link.ask(RobotInfo())
+        except RequestTimeoutError:
+            return False
         state = answer.body.state if isinstance(answer.body, RobotInfo) else None
         return state in (robot.kTask, robot.kParking) and not self.foreign_id
 
