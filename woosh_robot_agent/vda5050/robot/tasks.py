@@ -272,6 +272,8 @@ class TaskRunner:
         foreign_id = report.robot_task_id if is_foreign else 0
         if foreign_id != self.foreign_id:
             self.foreign_id = foreign_id
+            if not foreign_id:
+                self._note_end()
             self._link.changed()
 
     def _handle_report(self, report: TaskProc) -> None:
@@ -397,10 +399,14 @@ class TaskRunner:
             if reason == _UNKNOWN_TASK:
                 self._given_up = task_id
             self._set_current(0)
-            loop = asyncio.get_running_loop()
-            self.leaves_until = loop.time() + _LEAVES_WITHIN
-            loop.call_at(self.leaves_until, self._link.changed)
+            self._note_end()
             self._on_end(reason)
+
+    def _note_end(self) -> None:
+        """Take note that the robot may take some time to leave the task that has ended."""
+        loop = asyncio.get_running_loop()
+        self.leaves_until = loop.time() + _LEAVES_WITHIN
+        loop.call_at(self.leaves_until, self._link.changed)
 
 
 class ActionTasks:
