@@ -391,6 +391,20 @@ async def test_a_cancelled_order_ends_though_the_robot_never_names_its_action(
         await master.status("cancel", "FINISHED")
 
 
+async def test_a_cancelled_order_ends_though_the_robot_answers_nothing_about_its_action(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(calls, monkeypatch)
+    async with site.online(request_timeout=1.0, timing=Timing(minimum_timeouts={})) as master:
+        hide_actions(site.chassis, Feedbacks())
+        site.chassis.mute(full_name(CallAction))
+        step = action("step", "step", distance=1.0, speed=0.02)
+        master.order([node("a", 0, *START, actions=[step])])
+        await eventually(lambda: site.chassis.counts[full_name(CallAction)])
+        master.instant(action("cancelOrder", "cancel"))
+        await master.status("cancel", "FINISHED")
+
+
 async def test_the_end_of_an_earlier_action_does_not_end_the_next_one(site: Site) -> None:
     async with site.online() as master:
         master.instant(action("step", "first", distance=0.2))

@@ -240,12 +240,12 @@ class RobotCalls:
             return await self._link.command(call.request(_CONTROLS[control]))
 
         def answered(control: Control, answer: Answer | None) -> None:
-            if answer is None:  # none came: the controller sends the command again if needed
-                return
             if control is Control.CANCEL:
                 self._ask_about(call)  # so that its end is known even if no report tells it
+                return
+            is_refused = answer is not None and not answer.ok
             # a refusal before the action has begun does not mean that the action cannot be paused
-            elif control is Control.PAUSE and not answer.ok and (call.accepted or call.reported):
+            if control is Control.PAUSE and is_refused and (call.accepted or call.reported):
                 self._pause_failed(call)
 
         call.controller = Controller(self._link, call.name, send, answered)
