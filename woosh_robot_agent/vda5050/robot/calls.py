@@ -361,7 +361,9 @@ class RobotCalls:
     def _ask_about(self, call: _Call) -> None:
         """Ask the robot about an action until its state is known or the link is lost.
 
-        End the action if the robot answers for `_REPORT_AFTER`, but knows nothing of it.
+        End the action if the robot answers for `_REPORT_AFTER`, but knows nothing of it. If it has
+        reported the action, but never names one when it is asked, end the action only after a
+        cancellation that it has accepted.
         """
         self._link.background.start_once(lambda: self._ask(call), call)
 

@@ -316,7 +316,9 @@ class TaskRunner:
     async def _ask(self, task_id: int) -> None:
         """Ask about a task until its state is known.
 
-        End the task if the robot answers for `_REPORT_AFTER`, but knows nothing of it.
+        End the task if the robot answers for `_REPORT_AFTER`, but knows nothing of it. While the
+        robot tells that it executes a task, but not which one, end it only after a cancellation
+        that the robot has accepted.
         """
         clock = asyncio.get_running_loop().time
         deadline = math.inf
