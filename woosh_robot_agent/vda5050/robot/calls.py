@@ -182,6 +182,7 @@ class RobotCalls:
         for name in commands:
             call = self._calls[name] = self._new_call(message_type(name)(), lambda status: None)
             call.accepted = call.is_leftover = True
+            self._ends.pop(name, None)  # what was learned since the restart may be its own end
             call.ended.add_done_callback(partial(self._leftover_ended, name))
             self._ask_about(call)
             self._link.background.start(self._check(call))
