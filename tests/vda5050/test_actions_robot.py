@@ -13,7 +13,7 @@ from tests.asynchronous import eventually
 from tests.quick_chassis import edit_bodies, set_speed
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, received, statuses
-from tests.vda5050.conftest import AT_ONCE, Site
+from tests.vda5050.conftest import AT_ONCE, Site, task_to
 from tests.vda5050.master import START, action, error_types, node, references, result_of, status_of
 from tests.vda5050.test_orders_instant import SCOPES
 from woosh_robot_agent.link.protos import full_name
@@ -82,16 +82,17 @@ async def test_charging_ends_although_the_robot_has_just_confirmed_it(
             assert commands(chassis)[2:] == ["cancel", "charge_control execute"]
 
 
+@pytest.mark.parametrize("is_foreign", [False, True])
 async def test_the_next_drive_begins_when_the_robot_has_left_its_task(
-    broker: Mosquitto, recorder: Recorder
+    broker: Mosquitto, recorder: Recorder, is_foreign: bool
 ) -> None:
     states: list[int] = []
 
     def record(out: Outgoing) -> list[Outgoing]:
         if isinstance(out.body, RobotState):
             states.append(out.body.state)
-        elif isinstance(out.body, TaskProc) and out.body.state == task.kCompleted:
-            simulator.speed = 0.2  # the robot leaves its task 25 to 100 ms later
+        elif isinstance(out.body, TaskProc) and out.body.action.state == action_pb2.kRosSuccess:
+            simulator.speed = 0.2  # the robot leaves its task 25 to 100 ms after its end
         return [out]
 
     # a robot of this profile leaves its task some milliseconds after its end
@@ -99,10 +100,18 @@ async def test_the_next_drive_begins_when_the_robot_has_left_its_task(
     with SimulatorThread(config) as chassis:
         simulator = chassis.call(lambda simulator: simulator)
         chassis.intercept(record)
-        async with Site(chassis, broker, recorder).online() as master:
+        site = Site(chassis, broker, recorder)
+        async with site.online() as master, site.other_client() as other:
             x, y = START
             stop = node("b", 2, x + 0.5, y, theta=0.0, allowedDeviationTheta=0.1)
-            master.order([node("a", 0, x, y), stop, node("c", 4, x + 1.0, y)])
+            if is_foreign:
+                await other.request(task_to(x + 0.5, y))
+                await eventually(lambda: site.chassis.state.pose.x > x + 0.1)
+                near = node("b", 0, x + 0.5, y, allowedDeviationXY=2.0)
+                master.order([near, node("c", 2, x + 1.0, y)])
+                await master.error("robotBusyError")
+            else:
+                master.order([node("a", 0, x, y), stop, node("c", 4, x + 1.0, y)])
             await eventually(lambda: len(received(chassis, ExecTask)) == 2)
             set_speed(chassis, 20.0)
             await master.reached("c")
@@ -173,6 +182,24 @@ async def test_charging_without_a_charger_fails(site: Site) -> None:
     assert commands(site.chassis) == []
 
 
+@pytest.mark.parametrize("is_on_map", [True, False])
+async def test_a_robot_that_does_not_know_its_position_is_not_said_to_lack_the_mark(
+    site: Site, is_on_map: bool
+) -> None:
+    if is_on_map:
+        site.chassis.lose_localisation()
+    else:
+        edit_bodies(site.chassis, RobotInfo, lambda info: info.pose_speed.ClearField("map_id"))
+    async with site.online() as master:
+        master.instant(
+            action("startCharging", "nearest"), action("startCharging", "named", stationName="C1")
+        )
+        for each in ("nearest", "named"):
+            state = await master.status(each, "FAILED")
+            assert result_of(state, each) == "the robot does not know its position"
+    assert commands(site.chassis) == []
+
+
 async def test_pick_and_drop_move_the_lift(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         pick = action("pick", "pick", stationType="floor", loadType="EPAL")
@@ -214,6 +241,17 @@ async def test_actions_that_are_tasks_of_the_robot_wait_for_each_other(site: Sit
         ended = await master.status("drop", "FINISHED")
         assert status_of(ended, "pick") == "FINISHED"
     assert commands(site.chassis) == ["drive", "carry U5", "carry U5"]
+
+
+async def test_two_actions_that_look_for_a_charger_at_once_begin_one_task(site: Site) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    async with site.online() as master:
+        names = ("first", "second")
+        master.instant(*(action("startCharging", each, blocking="SOFT") for each in names))
+        for each in names:
+            await master.status(each, "FINISHED")
+    assert commands(site.chassis) == ["charge C1"]
 
 
 async def test_the_robots_own_actions(site: Site) -> None:

@@ -179,16 +179,19 @@ async def test_a_start_without_an_answer_is_found_out_and_not_repeated(site: Sit
     assert site.chassis.counts[EXEC] == 1
 
 
-def hide_tasks(chassis: SimulatorThread, *, pushes: bool = True) -> Callable[[], None]:
+def hide_tasks(
+    chassis: SimulatorThread, *, pushes: bool = True, state: robot_pb2.State = robot_pb2.kIdle
+) -> Callable[[], None]:
     """Let a chassis tell nothing of its tasks; return a function that ends this.
 
     Args:
+        state: the state that it reports.
         pushes: False if its pushes still tell of them, and its state that it executes a task.
     """
 
     def without_tasks(frame: Outgoing) -> list[Outgoing]:
         if isinstance(frame.body, RobotInfo | RobotState) and pushes:
-            frame.body.state = robot_pb2.kIdle
+            frame.body.state = state
         if isinstance(frame.body, RobotInfo):
             frame.body.ClearField("task_proc")
         elif isinstance(frame.body, TaskProc | TaskHistory) and frame.is_answer:
@@ -239,6 +242,37 @@ async def test_a_task_of_which_only_pushes_tell_goes_on(
     assert site.chassis.counts[ORDER] == 0
 
 
+async def test_a_cancelled_order_ends_though_the_robot_stays_in_a_task_that_it_does_not_name(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(tasks, monkeypatch)
+    async with site.online(timing=Timing(repeat_after=0.3)) as master:
+        hide_tasks(site.chassis, state=robot_pb2.kTask)
+        await site.drive(master)
+        asked = site.chassis.counts[full_name(TaskHistory)]
+        await eventually(lambda: site.chassis.counts[full_name(TaskHistory)] > asked + 5)
+        assert master.state["errors"] == []
+        site.chassis.refuse(ORDER, "Request failed")
+        master.instant(action("cancelOrder", "cancel"))
+        await eventually(lambda: site.chassis.counts[ORDER] > 5)
+        assert status_of(master.state, "cancel") == "RUNNING"
+        site.chassis.clear_faults()
+        set_speed(site.chassis, 20.0)
+        await master.status("cancel", "FINISHED")
+
+
+async def test_a_task_fails_if_the_robot_neither_knows_it_nor_tells_its_state(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(tasks, monkeypatch)
+    async with site.online(request_timeout=1.0) as master:
+        hide_tasks(site.chassis)
+        site.chassis.mute(full_name(RobotInfo))
+        await site.drive(master)
+        state = await master.error("drivingError")
+        assert "does not know the task" in str(state["errors"])
+
+
 async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -258,8 +292,9 @@ async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
     assert site.chassis.counts[EXEC] == 1
 
 
+@pytest.mark.parametrize("is_drive", [False, True])
 async def test_no_action_begins_a_task_while_one_that_began_too_late_is_cancelled(
-    site: Site, monkeypatch: pytest.MonkeyPatch
+    site: Site, monkeypatch: pytest.MonkeyPatch, is_drive: bool
 ) -> None:
     shorten(tasks, monkeypatch)
     site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
@@ -267,8 +302,12 @@ async def test_no_action_begins_a_task_while_one_that_began_too_late_is_cancelle
     async with site.online() as master:
         show = hide_tasks(site.chassis)
         set_speed(site.chassis, 0.001)
-        master.instant(action("startCharging", "late"))
-        await master.status("late", "FAILED")
+        if is_drive:
+            master.order([node("a", 0, -9.5, 0.5), node("b", 2, -8.0, 0.5)])
+            await master.error("drivingError")
+        else:
+            master.instant(action("startCharging", "late"))
+            await master.status("late", "FAILED")
         site.chassis.call(lambda simulator: simulator.chassis.tasks.pause("it stands"))
         set_speed(site.chassis, 20.0)
         site.chassis.refuse(ORDER, "Request failed")
@@ -330,6 +369,40 @@ async def test_an_action_of_which_only_pushes_tell_goes_on(
         assert status_of(master.state, "step") == "RUNNING"
         set_speed(site.chassis, 20.0)
         await master.status("step", "FINISHED")
+
+
+async def test_a_cancelled_order_ends_though_the_robot_never_names_its_action(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(calls, monkeypatch)
+    async with site.online(timing=Timing(repeat_after=0.3)) as master:
+        hide_actions(site.chassis, Feedbacks(), pushes=False)
+        set_speed(site.chassis, 1.0)
+        step = action("step", "step", distance=1.0, speed=0.02)
+        master.order([node("a", 0, *START, actions=[step])])
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        await eventually(lambda: site.chassis.counts[FEEDBACKS] > 5)
+        hide_actions(site.chassis, Feedbacks())
+        site.chassis.refuse(full_name(CallAction), "Request failed")
+        master.instant(action("cancelOrder", "cancel"))
+        await eventually(lambda: site.chassis.counts[full_name(CallAction)] > 5)
+        assert status_of(master.state, "step") == "RUNNING"
+        site.chassis.clear_faults()
+        await master.status("cancel", "FINISHED")
+
+
+async def test_a_cancelled_order_ends_though_the_robot_answers_nothing_about_its_action(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(calls, monkeypatch)
+    async with site.online(request_timeout=1.0, timing=Timing(minimum_timeouts={})) as master:
+        hide_actions(site.chassis, Feedbacks())
+        site.chassis.mute(full_name(CallAction))
+        step = action("step", "step", distance=1.0, speed=0.02)
+        master.order([node("a", 0, *START, actions=[step])])
+        await eventually(lambda: site.chassis.counts[full_name(CallAction)])
+        master.instant(action("cancelOrder", "cancel"))
+        await master.status("cancel", "FINISHED")
 
 
 async def test_the_end_of_an_earlier_action_does_not_end_the_next_one(site: Site) -> None:

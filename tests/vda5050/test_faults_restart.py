@@ -23,10 +23,10 @@ from woosh_robot_agent.link import Answer
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ChangeNavMode
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosSuccess
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
-from woosh_robot_agent.vda5050 import store
+from woosh_robot_agent.vda5050 import session, store
 from woosh_robot_agent.vda5050.actions.performing import Run
 
 FILE = "uagv-Woosh-30001.json"
@@ -380,6 +380,37 @@ async def test_what_an_action_has_begun_before_a_kill_is_stopped(
     last = {"startPause": "pause", "cancelOrder": "cancel"}[kind]
     assert commands(site.chassis)[-1].split()[-1] == last
     assert len(commands(site.chassis)) == (2 if what == "step" else 3)
+
+
+async def test_an_action_that_has_ended_before_the_restart_is_not_cancelled(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "_RETRY", 0.2)
+    step = action("step", "step", distance=0.5, speed=0.1)
+    asked = full_name(Feedbacks)
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await master.online()
+            master.order([node("a", 0, *START, actions=[step])])
+            await master.status("step", "RUNNING")
+            left = left_by_a_kill(tmp_path / "state")
+        set_speed(site.chassis, FAST)
+        actions = site.chassis.call(lambda simulator: simulator.chassis.actions)
+        await eventually(
+            lambda: kRosSuccess in [each.state for each in list(actions.last.values())]
+        )
+        former = store.Store(left, FILE.removesuffix(".json"))
+        former.open()  # the former process has not quite ended
+        before = site.chassis.counts[asked]
+        async with site.vehicle(state_folder=left):
+            await eventually(lambda: site.chassis.counts[asked] > before)
+            former.close()
+            master.received.clear()
+            await master.online()
+            await master.status("step", "FAILED")
+            master.instant(action("cancelOrder", "cancel"))
+            await master.status("cancel", "FAILED")  # nothing is left to cancel
+    assert commands(site.chassis) == ["step_control execute"]
 
 
 async def test_a_charge_that_a_kill_interrupts_while_the_robot_docks_is_not_paused_later(

@@ -18,6 +18,7 @@ from woosh_robot_agent.vda5050.messages.reading import (
     refusal_of_zone_set,
 )
 from woosh_robot_agent.vda5050.messages.state import (
+    NO_POSITION,
     NOT_AUTOMATIC,
     ErrorType,
     OperatingMode,
@@ -29,7 +30,6 @@ from woosh_robot_agent.vda5050.messages.state import (
 from woosh_robot_agent.vda5050.messages.versions import Identity
 from woosh_robot_agent.vda5050.orders.structure import OrderKind, check_instant_ids, with_marks
 
-_NO_POSITION = Sentence("the robot does not know its position")
 _MANY_NODES = Sentence("the order has {count} nodes, more than {most}")
 _MANY_POINTS = Sentence("the trajectories have {count} control points, more than {most}")
 _TOO_SLOW = Sentence("the robot cannot drive as slowly as maxSpeed: {speed}")
@@ -73,7 +73,7 @@ class OrderCheck:
             )
         if status.position is None or not status.position.initialised:
             raise self._error(
-                ErrorType.NOT_AVAILABLE, _NO_POSITION(), "place it on the map with initPosition"
+                ErrorType.NOT_AVAILABLE, NO_POSITION(), "place it on the map with initPosition"
             )
         if self._order.unsupported:
             raise self._unsupported(self._order.unsupported, _ORDER())

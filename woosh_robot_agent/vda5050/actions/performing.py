@@ -16,7 +16,13 @@ from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.factsheet import ActionType, ParameterType, Scope
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
-from woosh_robot_agent.vda5050.messages.state import ROBOT_REFUSED, ActionFailedError, ActionStatus
+from woosh_robot_agent.vda5050.messages.state import (
+    NO_POSITION,
+    ROBOT_REFUSED,
+    ActionFailedError,
+    ActionStatus,
+    Position,
+)
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
@@ -107,25 +113,45 @@ class Run:
             await self.link.conditions.wait(lambda: not execution.pause_wanted)
 
     async def wait_for_tasks(self) -> None:
-        """Wait until the robot has left its last task: it executes one at a time."""
+        """Wait until the robot has left its last task, and while the vehicle is paused.
+
+        The robot executes one task at a time. Begin the next one without waiting for anything else.
+
+        Raises:
+            ActionFailedError: the robot drives along an order.
+        """
+        execution = self.execution
 
         def may_start() -> bool:
-            return not (self.execution.tasks.is_busy or self.execution.is_leaving_task)
+            is_busy = execution.tasks.is_busy or execution.drive.is_late
+            return not (is_busy or execution.is_leaving_task or execution.pause_wanted)
 
+        self.require_not_driving_order()
         while not may_start():
             await self.link.conditions.wait(may_start)
-            await self.wait_until_resumed()
+            self.require_not_driving_order()
+
+    def require_position(self) -> Position:
+        """Return the position of the robot.
+
+        Raises:
+            ActionFailedError: the robot does not know its position.
+        """
+        here = self.execution.robot.position
+        if here is None or not here.initialised:
+            raise ActionFailedError(NO_POSITION())
+        return here
 
     def require_near(self, mark: str) -> None:
         """Check that the robot stands at a mark, or so near that it only has to dock.
 
         Raises:
-            ActionFailedError: the robot is too far from the mark, its position is not known, or the
-                map has no such mark.
+            ActionFailedError: the robot is too far from the mark, it does not know its position, or
+                the map has no such mark.
         """
-        here = self.execution.robot.position
-        place = None if here is None else self.execution.maps.find_mark(mark, here.map_id)
-        if here is None or place is None:
+        here = self.require_position()
+        place = self.execution.maps.find_mark(mark, here.map_id)
+        if place is None:
             raise ActionFailedError(_NO_MARK(mark=mark))
         distance = math.dist(place.point, here.point)
         if distance > REACH:

@@ -61,13 +61,13 @@ _CHARGE_TIMEOUT = 30.0
 )
 async def start_charging(run: Run) -> None:
     """Dock at a charger and charge, by a task of the robot that continues after this action."""
-    robot = run.execution.robot
+    robot, mark = run.execution.robot, run.given.get(_STATION, "")
     await run.wait_for_tasks()
+    if not (mark or robot.is_charging):
+        mark = await _nearest_charger(run)
+        await run.wait_for_tasks()  # a task or a startPause may have come before the answer
     if robot.is_charging:
         return
-    run.require_not_driving_order()
-    mark = run.given.get(_STATION) or await _nearest_charger(run)
-    await run.wait_until_resumed()  # a startPause may have come before the answer
     run.require_near(mark)
     request = ExecTask(type=task.kCharge, mark_no=mark)
     await run.execution.tasks.perform(request, run.report, lambda: robot.is_charging)
@@ -77,14 +77,14 @@ async def _nearest_charger(run: Run) -> str:
     """Return the number of the nearest charger.
 
     Raises:
-        ActionFailedError: there is no charger within reach, the position of the robot is not known,
+        ActionFailedError: there is no charger within reach, the robot does not know its position,
             or it refused to tell its marks.
         LinkError: the robot could not be reached.
     """
-    here = run.execution.robot.position
     answer = await run.request(storage_edit_pb2.Storages())
+    here = run.require_position()
     distances: dict[str, float] = {}
-    if here is not None and isinstance(answer.body, Storages):
+    if isinstance(answer.body, Storages):
         for charger in answer.body.chargers:
             pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
             distances[charger.identity.no] = math.dist((pose.x, pose.y), here.point)
@@ -179,7 +179,6 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
     if mark is None:
         return await run.call(lift)
     await run.wait_for_tasks()
-    run.require_not_driving_order()
     run.require_near(mark)
     request = ExecTask(type=task.kCarry, direction=direction, mark_no=mark)
     await run.execution.tasks.perform(request, run.report)

@@ -16,6 +16,8 @@ NOT_AUTOMATIC = Sentence("the robot is not in automatic mode")
 """Reason why nothing that moves the robot is performed."""
 NO_STATE = Sentence("the robot has not reported its state yet")
 """Reason of a failure before the first report of the robot."""
+NO_POSITION = Sentence("the robot does not know its position")
+"""Reason why nothing that needs the position of the robot is performed."""
 
 
 class ErrorLevel(Enum):

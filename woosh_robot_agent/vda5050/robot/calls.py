@@ -182,6 +182,7 @@ class RobotCalls:
         for name in commands:
             call = self._calls[name] = self._new_call(message_type(name)(), lambda status: None)
             call.accepted = call.is_leftover = True
+            self._ends.pop(name, None)  # what was learned since the restart may be its own end
             call.ended.add_done_callback(partial(self._leftover_ended, name))
             self._ask_about(call)
             self._link.background.start(self._check(call))
@@ -240,12 +241,12 @@ class RobotCalls:
             return await self._link.command(call.request(_CONTROLS[control]))
 
         def answered(control: Control, answer: Answer | None) -> None:
-            if answer is None:  # none came: the controller sends the command again if needed
-                return
             if control is Control.CANCEL:
                 self._ask_about(call)  # so that its end is known even if no report tells it
+                return
+            is_refused = answer is not None and not answer.ok
             # a refusal before the action has begun does not mean that the action cannot be paused
-            elif control is Control.PAUSE and not answer.ok and (call.accepted or call.reported):
+            if control is Control.PAUSE and is_refused and (call.accepted or call.reported):
                 self._pause_failed(call)
 
         call.controller = Controller(self._link, call.name, send, answered)
@@ -361,7 +362,9 @@ class RobotCalls:
     def _ask_about(self, call: _Call) -> None:
         """Ask the robot about an action until its state is known or the link is lost.
 
-        End the action if the robot answers for `_REPORT_AFTER`, but knows nothing of it.
+        End the action if the robot answers for `_REPORT_AFTER`, but knows nothing of it. If it has
+        reported the action, but never names one when it is asked, end the action only after a
+        cancellation that it has accepted.
         """
         self._link.background.start_once(lambda: self._ask(call), call)
 
@@ -374,8 +377,10 @@ class RobotCalls:
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
             mine = [each for each in reports if each.action == name]
             self._answers_queries = self._answers_queries or bool(reports)
-            # a robot that does not answer queries may report on the action nevertheless
-            is_known = call.reported and not (answer.ok and self._answers_queries)
+            # a robot that does not answer queries may report on the action nevertheless; but if it
+            # reports nothing after it has accepted a cancellation, the action may have ended
+            may_only_push = not (answer.ok and self._answers_queries)
+            is_known = call.reported and may_only_push and not call.controller.cancel_accepted
             if mine and mine[-1] != self._ends.get(name):
                 self._handle_report(call, mine[-1])
                 # if nothing shows that this call has begun, a reported end is of an earlier call

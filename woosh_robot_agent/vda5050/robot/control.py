@@ -38,6 +38,8 @@ class Controller:
     Attributes:
         paused: True if the robot has reported that it is paused.
         stays_paused: True if it is paused, and no resumption was sent that may still take effect.
+        cancel_accepted: True if the robot has accepted a cancellation, and has not reported since
+            that it goes on.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class Controller:
         self._may_send = may_send
         self.paused = False
         self.stays_paused = False
+        self.cancel_accepted = False
         self._wanted: Control | None = None
         """Command that the robot must obey; None without a command."""
         self._is_pause_pending = False
@@ -82,7 +85,7 @@ class Controller:
         A change of `stays_paused` is a change, too.
         """
         before = (self.paused, self.stays_paused)
-        self.paused = paused
+        self.paused, self.cancel_accepted = paused, False
         if paused:
             self._is_pause_pending = False
         else:
@@ -145,6 +148,7 @@ class Controller:
             if is_unsent and control is Control.RESUME and self._wanted is None:
                 self._wanted = control  # `_send_until_obeyed` tries again
         else:
+            self.cancel_accepted |= answer.ok and control is Control.CANCEL
             if not answer.ok:
                 if control is Control.PAUSE:
                     self._is_pause_pending = False

@@ -272,6 +272,8 @@ class TaskRunner:
         foreign_id = report.robot_task_id if is_foreign else 0
         if foreign_id != self.foreign_id:
             self.foreign_id = foreign_id
+            if not foreign_id:
+                self._note_end()
             self._link.changed()
 
     def _handle_report(self, report: TaskProc) -> None:
@@ -314,7 +316,9 @@ class TaskRunner:
     async def _ask(self, task_id: int) -> None:
         """Ask about a task until its state is known.
 
-        End the task if the robot answers for `_REPORT_AFTER`, but knows nothing of it.
+        End the task if the robot answers for `_REPORT_AFTER`, but knows nothing of it. While the
+        robot tells that it executes a task, but not which one, end it only after a cancellation
+        that the robot has accepted.
         """
         clock = asyncio.get_running_loop().time
         deadline = math.inf
@@ -324,10 +328,11 @@ class TaskRunner:
                 is_current = await self._ask_current(task_id)
                 if is_current or await self._ask_history(task_id):
                     return
-                if is_current is None and self.confirmed:
+                is_cancelled = self._controller.cancel_accepted
+                if is_current is None and self.confirmed and not is_cancelled:
                     return  # the robot refuses queries, but reports on the task
                 if clock() > deadline:
-                    if not await self._executes_unnamed_task():
+                    if is_cancelled or not await self._executes_unnamed_task():
                         self._end(task_id, _UNKNOWN_TASK)
                     return
             except LinkError as error:
@@ -378,7 +383,10 @@ class TaskRunner:
 
     async def _executes_unnamed_task(self) -> bool:
         """Return True if the robot tells that it executes a task, but not which one."""
-        answer = await self._link.ask(RobotInfo())
+        try:
+            answer = await self._link.ask(RobotInfo())
+        except RequestTimeoutError:
+            return False
         state = answer.body.state if isinstance(answer.body, RobotInfo) else None
         return state in (robot.kTask, robot.kParking) and not self.foreign_id
 
@@ -393,10 +401,14 @@ class TaskRunner:
             if reason == _UNKNOWN_TASK:
                 self._given_up = task_id
             self._set_current(0)
-            loop = asyncio.get_running_loop()
-            self.leaves_until = loop.time() + _LEAVES_WITHIN
-            loop.call_at(self.leaves_until, self._link.changed)
+            self._note_end()
             self._on_end(reason)
+
+    def _note_end(self) -> None:
+        """Take note that the robot may take some time to leave the task that has ended."""
+        loop = asyncio.get_running_loop()
+        self.leaves_until = loop.time() + _LEAVES_WITHIN
+        loop.call_at(self.leaves_until, self._link.changed)
 
 
 class ActionTasks:
