@@ -370,7 +370,7 @@ def test_record_ends_at_its_limit_although_stderr_is_on_a_full_disk(
         start("record", *address(chassis), *arguments, stderr=full) as process,
     ):
         status, _, _ = end(process, None)
-    assert status == 1
+    assert status in (1, 120)  # Python's own, if what it has buffered cannot be written
 
 
 def test_record_writes_the_address_of_its_proxy_with_brackets(capsys: Any) -> None:

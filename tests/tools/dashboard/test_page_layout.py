@@ -451,6 +451,9 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         assert "stands still" in window.text("#alarm")
         assert window.element("#alarm").rect["height"] > line["height"]
         check("alarm read in full")
+        eventually(lambda: "No connection" in window.text(".notices"), "the lost connection")
+        window.script("document.querySelector('#alarm p').textContent = 'a long reason '.repeat(6)")
+        check("alarm with a long reason")
         window.element("#alarm summary").click()
         assert window.element("#alarm").rect == line
     eventually(lambda: not window.text("#alarm"), "the end of the alarm")
