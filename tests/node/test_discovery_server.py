@@ -6,8 +6,8 @@ import os
 import re
 import shlex
 import shutil
-import socket
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
