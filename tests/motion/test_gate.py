@@ -15,6 +15,7 @@ from tests.motion.gate_checks import (
     ORDERS,
     RUNNING,
     TWIST,
+    Rig,
     answer_all,
     answer_nothing,
     every_moving_request,
@@ -334,6 +335,15 @@ async def test_a_late_start_that_is_not_cancelled_is_an_error(
         await eventually(lambda: "NOT STOPPED: cancel of task: Request failed" in caplog.text)
 
 
+async def begins_uncancelled(rig: Rig) -> None:
+    """Let task 7 begin, perhaps of another client; check that nothing is sent because of it."""
+    sent = len(types(rig.wire))
+    await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+    await eventually(lambda: rig.gate.owner == "task 7")
+    await turns()
+    assert len(types(rig.wire)) == sent
+
+
 @pytest.mark.parametrize("by_other", [False, True], ids=["from here", "by another client"])
 async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> None:
     async with gated(hold=0.0, effect=NEVER) as rig:
@@ -343,11 +353,7 @@ async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> 
         await soon(rig.gate.stop(TIMEOUT))
         if not by_other:
             await ok(rig.gate.request(ExecTask(task_id=7)))
-        sent = len(types(rig.wire))
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
-        await eventually(lambda: rig.gate.owner == "task 7")
-        await turns()
-        assert len(types(rig.wire)) == sent
+        await begins_uncancelled(rig)
 
 
 async def test_a_start_after_a_stop_that_ended_one_before_it_began_is_not_cancelled() -> None:
@@ -355,22 +361,14 @@ async def test_a_start_after_a_stop_that_ended_one_before_it_began_is_not_cancel
         await ok(rig.gate.request(ExecTask(task_id=6)))
         await soon(rig.gate.stop(TIMEOUT))
         await ok(rig.gate.request(ExecTask(task_id=7)))
-        sent = len(types(rig.wire))
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
-        await eventually(lambda: rig.gate.owner == "task 7")
-        await turns()
-        assert len(types(rig.wire)) == sent
+        await begins_uncancelled(rig)
 
 
 async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:
     async with gated(hold=0.0, effect=NEVER) as rig:
         await ok(rig.gate.request(Follow(type=True)))
         await soon(rig.gate.stop(TIMEOUT))
-        sent = len(types(rig.wire))
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)  # of another client
-        await eventually(lambda: rig.gate.owner == "task 7")
-        await turns()
-        assert len(types(rig.wire)) == sent
+        await begins_uncancelled(rig)
 
 
 async def test_a_task_that_was_not_sent_before_a_stop_is_no_start() -> None:
@@ -384,11 +382,7 @@ async def test_a_task_that_was_not_sent_before_a_stop_is_no_start() -> None:
         with pytest.raises(TooManyRequestsError):
             await rig.gate.request(ExecTask(task_id=6))
         await soon(rig.gate.stop(TIMEOUT))
-        sent = len(types(rig.wire))
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)  # of another client
-        await eventually(lambda: rig.gate.owner == "task 7")
-        await turns()
-        assert len(types(rig.wire)) == sent
+        await begins_uncancelled(rig)
         speaking.cancel()
 
 

@@ -123,7 +123,7 @@ class ChassisClient:
         return {**sizes, "pushes": self._subscriptions.queued}
 
     def traffic(self) -> Traffic:
-        """Return the amount of data of the current connection; zeros without a connection."""
+        """Return how much the connection has received and has yet to send; zeros without one."""
         return Traffic() if self._connection is None else self._connection.traffic()
 
     # Starting and closing

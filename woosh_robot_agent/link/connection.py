@@ -175,10 +175,11 @@ class Liveness:
                 await cancel_and_wait(probe)
 
     def _now(self) -> float:
+        """Return the time in which silence is measured, in seconds."""
         return min(self._loop_time() - self._busy, self._latest)
 
     async def _spend(self, seconds: float, wait: Awaitable[object]) -> None:
-        """Await something that takes this time; a delay does not count."""
+        """Await something that is meant to take `seconds`; a longer delay does not count."""
         now = self._now()
         self._busy = self._loop_time() - now
         self._latest = now + seconds + self._timeout * _STEP_SHARE
@@ -444,7 +445,7 @@ class Connection:
             self._transport.abort()
 
     def traffic(self) -> Traffic:
-        """Return the amount of data of the connection."""
+        """Return how much the connection has received, and has yet to send."""
         return Traffic(self._transport.received, self._transport.backlog())
 
     def debug(self) -> dict[str, int]:

@@ -75,9 +75,9 @@ def may_move(request: Message) -> bool:
 
 
 def started_by(request: Message) -> str:
-    """Return what begins because of a request: "task", or an action by its short name.
+    """Return what a request starts: "task", or an action by its short name.
 
-    Return "" if nothing begins whose start the chassis reports.
+    Empty if it starts nothing, or if the chassis does not report the start.
     """
     if isinstance(request, (Twist, Follow)) or not may_move(request):
         return ""

@@ -1,4 +1,4 @@
-"""The task and the actions that move the robot, as the chassis reports, and who owns its wheels."""
+"""Which task and actions move the robot, as the chassis reports, and which of them drive it."""
 
 from __future__ import annotations
 

@@ -330,7 +330,7 @@ class GoalRun:
 
     def _pushed(self, message: Message) -> End | None:
         end = self._take_reports(
-            report for report in self._kind.read(message) if not self._may_be_repeated(report)
+            report for report in self._kind.read(message) if not self._set_aside(report)
         )
         if end is None and self._attribution.has_report and self._kind.is_displaced(message):
             self._is_displaced = True
@@ -359,8 +359,11 @@ class GoalRun:
                 return End(report.outcome, report.message, cause)
         return None
 
-    def _may_be_repeated(self, report: Report) -> bool:
-        """Return True if a push may only repeat the end of an earlier goal."""
+    def _set_aside(self, report: Report) -> bool:
+        """Set a push aside if it may only repeat the end of an earlier goal; return True then.
+
+        If this goal is being cancelled, a poll decides whether it was its own end.
+        """
         may_be_repeated = self._attribution.repeats_previous(report.message, report.outcome)
         if may_be_repeated and self._cancellation.requested and self.phase.accepted:
             self._poll_once_begun()  # perhaps it is the end of this goal
