@@ -17,7 +17,7 @@ from woosh_robot_agent.simulator.serving.exchange import Interceptor
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_CALL_TIMEOUT = 10.0
+_CALL_TIMEOUT = 60.0
 """Timeout of a call in the simulator's thread, in seconds."""
 
 
@@ -117,7 +117,7 @@ class SimulatorThread:
         self._ready.result(_CALL_TIMEOUT)
 
     def stop(self) -> None:
-        """Close everything, and wait for the thread to end, for 10 s at most."""
+        """Close everything, and wait for the thread to end, for a minute at most."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stopping.set)
             self._thread.join(_CALL_TIMEOUT)

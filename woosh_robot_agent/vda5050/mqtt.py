@@ -251,14 +251,15 @@ class MqttConnection:
     def _check_awake(self) -> None:
         """Check that this program has not stood still, e.g. suspended, for too long.
 
-        Then the broker has published the last will, and the messages that still come over the
-        connection are of any age: a drive that they order may not be wanted any more.
+        Then the broker may have published the last will, and the messages that still come over the
+        connection are old: a drive that they order may not be wanted any more.
 
         Raises:
             MqttError: it stood still before this check, or before an earlier one.
         """
         now = boot_time()
-        if now - self._awake_at > 1.5 * self._broker.keepalive:
+        # the broker waits for 1.5 times the keep-alive, of which up to one may have passed before
+        if now - self._awake_at > self._broker.keepalive / 3:
             raise aiomqtt.MqttError("this program stood still; what came meanwhile is ignored")
         self._awake_at = now
 

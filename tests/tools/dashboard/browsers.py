@@ -67,7 +67,8 @@ class SimulatedPage(SimulatorThread):
 
     def _open_page(self, port: int) -> None:
         simulator = self.call(lambda simulator: simulator)
-        self.url = self.enter(dashboard_beside(simulator, port))
+        # on a busy machine, the page may be told the time late
+        self.url = self.enter(dashboard_beside(simulator, port, max_age=TIMEOUT))
 
     def restart_page(self) -> None:
         """End the dashboard, and start another one at the same port."""

@@ -745,7 +745,7 @@ def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     browser.press("#save-map")
     eventually(lambda: "ground" in browser.text("#maps"), "the new map in the list")
     eventually(lambda: browser.is_enabled("#collect-mark"), "the next step")
-    assert "Collect a mark" in browser.text("#mapping [aria-current=step]")
+    eventually(lambda: "Collect a mark" in browser.text("#mapping [aria-current=step]"), "its name")
     assert browser.script("document.querySelector('#map-name').value") == ""
     # a page that does not know whether a map was made urges to nothing
     browser.driver.refresh()

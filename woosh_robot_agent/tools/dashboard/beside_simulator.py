@@ -14,7 +14,7 @@ from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.simulator.faults import FAULTS, FaultError, Injection, parse_fault
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.tools.dashboard.commands import Args
-from woosh_robot_agent.tools.dashboard.control import Outcome
+from woosh_robot_agent.tools.dashboard.control import ControlConfig, Outcome
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 from woosh_robot_agent.tools.dashboard.texts import Text, value_data
 
@@ -28,12 +28,15 @@ _MAX_TEXT = 300
 
 
 @asynccontextmanager
-async def dashboard_beside(simulator: SimulatedChassis, port: int) -> AsyncIterator[str]:
+async def dashboard_beside(
+    simulator: SimulatedChassis, port: int, **timing: float
+) -> AsyncIterator[str]:
     """Serve the page for a simulated chassis on this machine, and let viewers control the chassis.
 
     Args:
         simulator: the chassis, already listening.
         port: port of the page; 0 takes a free port.
+        timing: fields of `ControlConfig`.
 
     Yields:
         The address of the page.
@@ -44,7 +47,7 @@ async def dashboard_beside(simulator: SimulatedChassis, port: int) -> AsyncItera
     # a wildcard address can be listened on, but not connected to
     host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(simulator.config.host, simulator.config.host)
     faults = FaultCommands(simulator)
-    config = DashboardConfig(port=port, control=True)
+    config = DashboardConfig(port=port, control=True, control_config=ControlConfig(**timing))
     async with Dashboard([LinkConfig(host, simulator.port)], config, faults.commands) as dashboard:
         dashboard.robots[0].parts.add("simulator", faults.data, each_second=True)
         yield dashboard.url

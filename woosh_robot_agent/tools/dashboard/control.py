@@ -64,13 +64,10 @@ _STOPPED_MEANWHILE = Text("reason.stoppedMeanwhile")
 _OTHER_MODE = Text("reason.otherMode")
 _VELOCITY_REFUSED = Sentence("the robot refused the velocity")
 _BECAUSE = Sentence("{text} ({reason})")
-_STOP_TIMEOUT = 2.0
-"""Timeout of each answer to a stop, in seconds."""
-_MAX_AGE = 0.5
-"""Maximum age of a command or velocity, in seconds. Each carries the newest time of the dashboard
-that the page had received when the viewer gave it."""
 _MAX_COUNT = 1e15
 """Maximum number of a press, and maximum time in milliseconds, in a message of the page."""
+_STOP_TIMEOUT = 2.0
+"""Timeout of each answer to a stop, in seconds."""
 _LOWEST_LIMIT = 0.05
 """Lowest speed limit that a viewer can set, in m/s."""
 _HIGHEST_LIMIT = 3.0
@@ -92,6 +89,8 @@ class ControlConfig:
             seconds.
         idle_timeout: time without a command after which a viewer loses the control, in seconds.
         close_timeout: timeout of the answer to the last zero velocity, in seconds.
+        max_age: maximum age of a command or velocity, in seconds. Each carries the newest time of
+            the dashboard that the page had received when the viewer gave it.
     """
 
     max_linear: float = 0.5
@@ -99,6 +98,7 @@ class ControlConfig:
     stick_timeout: float = 0.5
     idle_timeout: float = 60.0
     close_timeout: float = 0.5
+    max_age: float = 0.5
 
 
 class Control:
@@ -316,7 +316,7 @@ class Control:
     def _outdated(self, clock: float) -> Text | None:
         """Return the reason if a command or velocity is too old to be sent (rule 5), or None."""
         known = clock / 1000.0
-        if not 0.0 <= asyncio.get_running_loop().time() - known <= _MAX_AGE:
+        if not 0.0 <= asyncio.get_running_loop().time() - known <= self._config.max_age:
             return TOO_SLOW
         if known <= self._stopped_at:
             return _STOPPED_MEANWHILE

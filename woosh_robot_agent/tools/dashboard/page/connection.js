@@ -7,7 +7,6 @@ const RETRY_DELAY = 1000; // milliseconds
 const SILENCE = 2000; // milliseconds without a message after which the shown data are outdated
 const GIVE_UP = 6000; // milliseconds without a message after which the connection counts as lost
 const CONNECT_TIMEOUT = 15000; // milliseconds
-const STOP_TIMEOUT = 2500; // milliseconds
 const FETCH_TIMEOUT = 5000; // milliseconds; the browser itself may wait for minutes
 const FORBIDDEN = 403; // HTTP status
 const TOO_MANY_VIEWERS = 1013; // code with which the dashboard closes the connection
@@ -31,6 +30,7 @@ export class Connection {
     this.pieces = new Map();
     this.isReady = false; // true once the dashboard knows which robot the page shows
     this.unsentStop = { id: 0, robot: "" }; // stop that waits for the connection; id 0 without one
+    this.stopTimeout = 2500; // milliseconds
     this.problem = "link.connecting";
     this.receivedAt = 0; // time of the last message, or of the connection attempt
     this.retry = 0; // timer of the next attempt
@@ -189,7 +189,7 @@ export class Connection {
   }
 
   /**
-   * Send a stop: now, or when there is a connection within `STOP_TIMEOUT`.
+   * Send a stop: now, or when there is a connection within `stopTimeout`.
    * @param {string} robot address of the robot that the page shows
    */
   stop(robot) {
@@ -204,7 +204,7 @@ export class Connection {
     setTimeout(() => {
       if (this.unsentStop.id === id) this.unsentStop.id = 0;
       this.settle(id, failure("reason.noAnswer"));
-    }, STOP_TIMEOUT);
+    }, this.stopTimeout);
     return this.waitForReply(id);
   }
 
