@@ -100,6 +100,13 @@ async def test_a_stop_sends_the_zero_first_and_then_every_cancel() -> None:
         assert "Follow" not in report.message
 
 
+async def test_a_stop_is_sent_although_a_callback_fails(caplog: pytest.LogCaptureFixture) -> None:
+    async with gated() as rig:
+        rig.gate.on_stop(lambda: 1 // 0)
+        assert (await soon(rig.gate.stop(TIMEOUT))).success
+    assert "ZeroDivisionError" in caplog.text
+
+
 @every_moving_request
 async def test_after_a_stop_nothing_that_moves_is_sent(request_: Message) -> None:
     async with gated() as rig:

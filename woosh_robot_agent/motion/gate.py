@@ -306,7 +306,10 @@ class MotionGate:
         """
         self.announce_stop()
         for callback in self._stop_callbacks:
-            callback()
+            try:
+                callback()
+            except Exception:  # the robot must be stopped, whatever else fails
+                _LOG.exception("the robot is stopped, but a part of the program failed to note it")
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
         return await self._send_stop(timeout)
 
