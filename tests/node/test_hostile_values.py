@@ -361,6 +361,6 @@ def test_no_value_in_a_report_on_a_goal_does_harm(rig: Rig, client: Client, logs
         rig.push(FEEDBACKS, {"fbs": [{"action": "woosh.ros.action.MoveBase", **body}]})
     rig.push(TASK_PROC, {"robotTaskId": "5", "state": 3})
     rig.push(TASK_PROC, {"robotTaskId": "5", "state": 7})
-    status, _ = running.result()
-    assert status == GoalStatus.STATUS_SUCCEEDED
+    status, result = running.result()
+    assert status == GoalStatus.STATUS_SUCCEEDED, result.ret.msg
     check_log(logs)
