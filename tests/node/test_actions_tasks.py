@@ -29,6 +29,12 @@ from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 
 
+@pytest.fixture
+def robot(shared_robot: Robot) -> Robot:
+    """A client of the agent that the tests of this file share, and its new chassis."""
+    return shared_robot
+
+
 def test_task_succeeds_with_each_report_as_feedback(robot: Robot) -> None:
     before = int(time.time())
     goal = task(robot)
@@ -63,9 +69,6 @@ def test_refusal_reaches_the_client(robot: Robot) -> None:
     assert ret.state.value == FAILED
     assert ret.robot_task_id == 5
     assert not goal.feedback.messages
-
-
-def test_refusal_without_a_reason_is_explained(robot: Robot) -> None:
     robot.chassis.refuse(EXEC_TASK, "")
     task(robot).wait_aborted("refused")
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from tests.harness import Robot, RunningAgent, wait_until
+from tests.harness import Robot, wait_until
 from tests.node.goals import (
     ACTION,
     CANCELED,
     FEEDBACKS,
     SUCCEEDED,
+    TASK,
     TASK_PROC,
     Kind,
     each_kind,
@@ -21,26 +22,24 @@ from tests.node.goals import (
     slow_down,
     without_reports,
 )
+from tests.node.test_parameters import change
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 
 
-@pytest.fixture
-def link_timeout() -> float:
-    """Return a timeout in seconds: short, but longer than the pauses of a busy machine."""
-    return 2.0
+@pytest.fixture(scope="module")
+def shared_parameters() -> dict[str, Any]:
+    """Return timeouts that are short, but longer than the pauses of a busy machine."""
+    return {"goal_link_timeout": 2.0, "poll_timeout": 1000}
 
 
 @pytest.fixture
-def agent(
-    simulator: SimulatorThread, connect: Callable[..., RunningAgent], link_timeout: float
-) -> RunningAgent:
-    """Start the agent with short timeouts."""
-    started = connect(goal_link_timeout=link_timeout, poll_timeout=1000)
-    slow_down(simulator)
-    return started
+def robot(shared_robot: Robot) -> Robot:
+    """A client of the agent that the tests of this file share, and its new chassis."""
+    slow_down(shared_robot.chassis)
+    return shared_robot
 
 
 @pytest.fixture(autouse=True)
@@ -135,8 +134,9 @@ def test_goal_goes_on_if_reports_come_between_unanswered_polls(robot: Robot) -> 
 # The chassis accepts a cancel
 
 
-@pytest.mark.parametrize("told", [False, True], ids=["silent", "reported as running"])
-@each_kind
+@pytest.mark.parametrize(
+    ("kind", "told"), [(TASK, False), (ACTION, True)], ids=["silent", "reported as running"]
+)
 def test_goal_is_given_up_if_an_accepted_cancel_has_no_effect(
     robot: Robot, kind: Kind, told: bool
 ) -> None:
@@ -168,9 +168,16 @@ def ignore_cancels(sim: Any) -> None:
 # The chassis does not answer a cancel
 
 
-@pytest.mark.parametrize("link_timeout", [10.0])
-@pytest.mark.parametrize("lost", ["answer", "link"])
-@each_kind
+@pytest.fixture
+def patient(robot: Robot) -> Iterator[None]:
+    """A timeout that no goal of the test exceeds."""
+    assert change(robot, goal_link_timeout=10.0) == (True, "")
+    yield
+    assert change(robot, goal_link_timeout=2.0) == (True, "")
+
+
+@pytest.mark.parametrize(("kind", "lost"), [(TASK, "answer"), (TASK, "link"), (ACTION, "answer")])
+@pytest.mark.usefixtures("patient")
 def test_cancel_is_repeated_only_after_a_report(robot: Robot, kind: Kind, lost: str) -> None:
     """A cancel of a task names no task, so it could end another client's newer task."""
     goal = kind.running(robot)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from tests.harness import GoalClient, Robot, RunningAgent, wait_until
+from tests.harness import GoalClient, Robot, wait_until
 from tests.node.goals import (
     ACTION,
     CALL_ACTION,
@@ -28,6 +27,7 @@ from tests.node.goals import (
     until,
     without_reports,
 )
+from tests.node.test_parameters import change
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -50,9 +50,16 @@ medium_timeouts = pytest.mark.parametrize(
 """Timeouts with which a goal is given up, but not before the test makes the chassis hang."""
 
 
+@pytest.fixture(scope="module")
+def shared_parameters() -> dict[str, Any]:
+    return {"backoff_max": 0.1}
+
+
 @pytest.fixture
-def agent(connect: Callable[..., RunningAgent], timeouts: dict[str, Any]) -> RunningAgent:
-    return connect(backoff_max=0.1, **timeouts)
+def robot(shared_robot: Robot, timeouts: dict[str, Any]) -> Robot:
+    """A client of the agent that the tests of this file share, with timeouts for this test."""
+    assert change(shared_robot, **timeouts) == (True, "")
+    return shared_robot
 
 
 @pytest.fixture(autouse=True)
