@@ -13,12 +13,10 @@ from tests.node.goals import (
     ACTION,
     CANCELED,
     FEEDBACKS,
-    SUCCEEDED,
     TASK,
     TASK_PROC,
     Kind,
     each_kind,
-    feedbacks,
     slow_down,
     without_reports,
 )
@@ -76,20 +74,6 @@ def test_goal_never_reported_on_is_given_up_if_polls_are_refused(robot: Robot, k
     kind.start(robot).wait_aborted("no report on it")
 
 
-@pytest.mark.parametrize("refused", [False, True])
-def test_goal_reported_on_once_goes_on(robot: Robot, refused: bool) -> None:
-    """A chassis rarely reports on a long step, and may omit it from its answers to polls."""
-    goal = ACTION.running(robot)
-    remove = robot.chassis.intercept(hide_actions)
-    if refused:
-        robot.chassis.refuse(FEEDBACKS, "unknown type")
-    wait_polled(robot.chassis, ACTION, 30)  # 3 s
-    assert not goal.done
-    remove()
-    robot.chassis.push(feedbacks(1, "the end"))
-    assert goal.result()[0] == SUCCEEDED
-
-
 # The chassis does not answer polls
 
 
@@ -105,30 +89,6 @@ def test_goal_is_given_up_if_polls_are_not_answered(robot: Robot, kind: Kind) ->
 
     wait_until(ended)
     goal.wait_aborted("no report on it", "did not answer", "`stop` service")
-
-
-def test_goal_goes_on_if_reports_come_between_unanswered_polls(robot: Robot) -> None:
-    goal = ACTION.running(robot)
-    asked: list[Outgoing] = []
-
-    def seldom(out: Outgoing) -> list[Outgoing]:
-        if out.request != FEEDBACKS:
-            return without_reports(out)
-        asked.append(out)
-        told = dataclasses.replace(out, sn=0, request="", body=feedbacks(2, f"step {len(asked)}"))
-        return [told] if len(asked) % 2 == 0 else []
-
-    remove = robot.chassis.intercept(seldom)
-
-    def enough() -> bool:
-        robot.chassis.push(PoseSpeed())
-        return len(asked) >= 7
-
-    wait_until(enough)
-    assert not goal.done
-    remove()
-    robot.chassis.push(feedbacks(1, "the end"))
-    assert goal.result()[0] == SUCCEEDED
 
 
 # The chassis accepts a cancel

@@ -54,7 +54,7 @@ def test_what_comes_during_the_pause_moves_nothing_and_the_reason_is_told(
     assert result.status == ABORTED
     assert "stood still" in result.result.ret.msg
     program.wait_says("goal_pose is ignored: not sent: the agent stood still")
-    program.wait_says("cmd_vel")
+    program.wait_says("old")
     assert client.call(Speak, "robot/Speak").ok  # the agent has handled what came before
     assert not any(velocities(simulator)[before:])
     moving = [each for each in simulator.received if may_move(each.message)]
