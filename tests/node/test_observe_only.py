@@ -229,17 +229,3 @@ def test_turning_it_on_precedes_the_velocity_that_follows(robot: Robot, logs: Lo
         released.set()
     logs.wait_text("cmd_vel is ignored: this agent only observes")
     assert robot.chassis.counts[TWIST] == 0
-
-
-def test_each_robot_of_a_process_has_its_own(
-    domain: int, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
-) -> None:
-    for namespace, observe_only in (("/r1", True), ("/r2", False)):
-        start_agent(
-            namespace=namespace, ip="127.0.0.1", port=simulator.port, observe_only=observe_only
-        ).wait_connected()
-    for namespace, ok in (("/r1", False), ("/r2", True)):
-        with closing(Client(domain, namespace)) as user:
-            response = user.call(Speak, "robot/Speak")
-        assert response.ok == ok
-        assert ok or "ros2 param set /r1/agent observe_only false" in response.msg

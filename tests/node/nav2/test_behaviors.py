@@ -130,15 +130,6 @@ def test_a_move_is_cancelled(robot: Robot) -> None:
     assert stands(robot.chassis)
 
 
-def test_a_new_move_stops_the_running_one(robot: Robot) -> None:
-    slow_down(robot.chassis)
-    first = Nav2Client(robot, "spin", target_yaw=50.0)
-    first.feedback.wait(lambda each: each.angular_distance_traveled > 0.1)
-    second = Nav2Client(robot, "spin", target_yaw=-0.2)
-    assert first.result()[0] == ABORTED
-    assert second.result()[0] == SUCCEEDED
-
-
 def test_an_obstacle_aborts_a_move(robot: Robot) -> None:
     robot.chassis.inject("obstacle", ahead=1.0)
     step(robot, "drive_on_heading", 2.0, 0.5).wait_aborted("obstacle", code="UNKNOWN")
