@@ -6,26 +6,30 @@ that no other test uses.
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import rclpy
 from action_msgs.msg import GoalStatus
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES, TOPICS
 from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.ros.actions.goal import GoalTiming
 from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import TIMEOUT, AgentProcess, Spinner, own_domain, wait_until
@@ -376,6 +380,9 @@ class Robot(Client):
         super().__init__(agent.domain, agent.namespace)
         self.agent = agent
         self.chassis = chassis
+        self._motion_timing = self.gate.timing
+        self._own = set(self._endpoints)
+        """Topics of this node that no test has created."""
 
     @property
     def link(self) -> ChassisClient:
@@ -395,6 +402,43 @@ class Robot(Client):
     def set_motion_timing(self, **changes: float) -> None:
         """Change the `MotionTiming` of the agent."""
         self.gate.timing = replace(self.gate.timing, **changes)
+
+    def use(self, chassis: SimulatorThread) -> None:
+        """Connect the agent to a chassis, for the next test of those that share the agent."""
+        self.chassis = chassis
+        port = Parameter("port", value=chassis.port).to_parameter_msg()
+        answer = self.call(SetParameters, "agent/set_parameters", parameters=[port])
+        assert answer.results[0].successful, answer.results[0].reason
+        wait_until(
+            lambda: self.link.config.port == chassis.port and self.link.state is LinkState.READY,
+            "the link",
+        )
+
+    @property
+    def _endpoints(self) -> list[Any]:
+        return [*self.node.subscriptions, *self.node.publishers]
+
+    def forget(self) -> None:
+        """End all goals, and let the agent and this client forget the test and its chassis."""
+        actions = self.agent.agent.actions
+
+        async def give_up() -> None:
+            actions.give_up("the test has ended")
+            while actions.running_goals:
+                await asyncio.sleep(0.005)
+            # reports on them must not be taken for reports on goals of the next test
+            actions._last_feedback.clear()
+            actions._last_reports.clear()
+
+        self.agent.agent.robot.thread.run(give_up(), TIMEOUT)
+        actions.timing = GoalTiming()
+        self.gate.timing = self._motion_timing
+        for each in set(self._endpoints) - self._own:
+            is_publisher = each in list(self.node.publishers)
+            destroy = (
+                self.node.destroy_publisher if is_publisher else self.node.destroy_subscription
+            )
+            self.in_executor(partial(destroy, each))
 
     def wait_lost(self) -> None:
         """Wait until the agent has noticed that its link is lost."""

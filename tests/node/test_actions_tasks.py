@@ -11,38 +11,23 @@ from tests.harness import Robot, wait_until
 from tests.node.goals import (
     ABORTED,
     CANCELED,
-    COMPLETED,
     EXEC_TASK,
     EXECUTING,
-    FAILED,
     SUCCEEDED,
-    TASK_CANCELED,
     TASK_PROC,
     hurry,
     pause_task,
-    proc,
     short_task,
     slow_down,
     task,
 )
 from woosh_robot_agent.ros.actions.run import REPLACED
-from woosh_robot_agent.simulator.serving.exchange import Outgoing
 
 
-def test_task_succeeds_with_each_report_as_feedback(robot: Robot) -> None:
-    before = int(time.time())
-    goal = task(robot)
-    status, ret = goal.result()
-    assert status == SUCCEEDED
-    assert ret.state.value == COMPLETED
-    assert ret.dest == "A2"
-    sent = robot.chassis.last(EXEC_TASK)
-    assert before <= sent.task_id == ret.robot_task_id
-    goal.feedback.wait(lambda fb: fb.state.value == COMPLETED)
-    states = [fb.state.value for fb in goal.feedback.messages]
-    assert states[-1] == COMPLETED
-    assert EXECUTING in states
-    assert {fb.robot_task_id for fb in goal.feedback.messages} == {sent.task_id}
+@pytest.fixture
+def robot(shared_robot: Robot) -> Robot:
+    """A client of the agent that the tests of this file share, and its new chassis."""
+    return shared_robot
 
 
 def test_task_id_is_the_clients_or_a_new_one(robot: Robot) -> None:
@@ -55,21 +40,6 @@ def test_task_id_is_the_clients_or_a_new_one(robot: Robot) -> None:
     ]
 
 
-def test_refusal_reaches_the_client(robot: Robot) -> None:
-    robot.chassis.refuse(EXEC_TASK, "robot is in manual mode: turn the key switch")
-    goal = task(robot, task_id=5)
-    ret = goal.wait_aborted()
-    assert ret.msg == "robot is in manual mode: turn the key switch"
-    assert ret.state.value == FAILED
-    assert ret.robot_task_id == 5
-    assert not goal.feedback.messages
-
-
-def test_refusal_without_a_reason_is_explained(robot: Robot) -> None:
-    robot.chassis.refuse(EXEC_TASK, "")
-    task(robot).wait_aborted("refused")
-
-
 def test_newer_task_with_the_same_id_replaces_the_older_one(robot: Robot) -> None:
     slow_down(robot.chassis)
     old = task(robot, task_id=9)
@@ -78,16 +48,6 @@ def test_newer_task_with_the_same_id_replaces_the_older_one(robot: Robot) -> Non
     assert old.wait_aborted().msg == REPLACED
     hurry(robot.chassis)
     status, ret = new.result()
-    assert (status, ret.dest) == (SUCCEEDED, "U5")
-
-
-@pytest.mark.parametrize("state", [COMPLETED, TASK_CANCELED, FAILED])
-def test_late_end_of_an_older_task_with_the_same_id_is_ignored(robot: Robot, state: int) -> None:
-    assert short_task(robot, 0.1, task_id=9).result()[0] == SUCCEEDED
-    late = Outgoing(TASK_PROC, proc(9, state, "the old end"))
-    robot.chassis.intercept(lambda out: [late, out] if out.request == EXEC_TASK else [out])
-    second = task(robot, mark="U5", task_id=9)
-    status, ret = second.result()
     assert (status, ret.dest) == (SUCCEEDED, "U5")
 
 

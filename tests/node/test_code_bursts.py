@@ -32,15 +32,12 @@ def sent(simulator: SimulatorThread) -> list[tuple[int, int]]:
     return found
 
 
-@pytest.mark.parametrize("rate", [COUNT, 0], ids=["in a second", "at once"])
-def test_every_code_of_a_burst_arrives_in_order(
-    robot: Robot, sent: list[tuple[int, int]], rate: int
-) -> None:
+def test_every_code_of_a_burst_arrives_in_order(robot: Robot, sent: list[tuple[int, int]]) -> None:
     codes = robot.echo(StatusCode, "robot/StatusCode", depth=1000)
     robot.chassis.push(pb.StatusCode(code=FIRST))  # the publisher keeps it for late subscribers
     codes.wait(lambda each: each.code == FIRST)  # now it has discovered this one
-    for burst in range(1, 4):
-        robot.chassis.inject("code_burst", count=COUNT, rate=rate)
+    for burst in range(1, 3):
+        robot.chassis.inject("code_burst", count=COUNT, rate=0)
         codes.wait_count(1 + burst * COUNT)
     assert [(each.code, each.time) for each in codes.messages] == sent
     assert len({code for code, _ in sent}) < 10  # the same ones again and again

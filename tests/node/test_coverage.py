@@ -13,7 +13,6 @@ from tests.node.test_further_actions import FURTHER_ACTIONS
 from tests.node.test_task_sets import TASK_SETS
 from tests.ros2_commands import documented
 from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, QUERIES, TOPICS
-from woosh_robot_msgs.srv import SetIdentity
 
 FACTS = facts("endpoints.yaml")
 TWICE = "setting/SetIdentity"
@@ -70,17 +69,6 @@ def check_graph(node: Any, namespace: str) -> None:
     for action in ACTIONS:
         feedback = f"{namespace}/{action.name}/_action/feedback"
         wait_until(lambda feedback=feedback: node.count_publishers(feedback) == 1, feedback)
-
-
-def test_agent_connects_when_the_chassis_appears(simulator, start_agent, client):
-    simulator.stop_listening()
-    where = {"ip": "127.0.0.1", "port": simulator.port}
-    agent = start_agent(**where, backoff_min=0.05, backoff_max=0.1)
-    wait_until(lambda: agent.agent.robot.chassis.last_error, "a failed attempt")
-    assert not client.call(SetIdentity, "setting/Identity").ok
-    simulator.listen()
-    agent.wait_connected()
-    assert client.call(SetIdentity, "setting/Identity").ok
 
 
 def test_every_topic_and_action_has_a_test():

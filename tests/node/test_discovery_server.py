@@ -86,20 +86,11 @@ def found(role: str, domain: int, **environment: str) -> list[str]:
 
 
 @pytest.mark.usefixtures("agent")
-def test_a_node_with_the_server_uses_the_agent_and_is_told_of_nothing_else(
-    server: str, domain: int, simulator: SimulatorThread
-) -> None:
+def test_who_finds_the_agent(server: str, domain: int, simulator: SimulatorThread) -> None:
+    """A node with the server is told of the agent only, a super client of everything."""
     robot, others = found("use", domain, ROS_DISCOVERY_SERVER=server)
     assert robot == str(simulator.call(lambda inner: inner.chassis.robot_id))
     assert others == "0"
-
-
-@pytest.mark.usefixtures("agent")
-def test_a_super_client_sees_everything(server: str, domain: int) -> None:
     assert found("look", domain, ROS_DISCOVERY_SERVER=server, ROS_SUPER_CLIENT="TRUE") == ["1"]
-
-
-@pytest.mark.usefixtures("agent")
-def test_nodes_without_the_server_do_not_find_the_agent(domain: int) -> None:
-    # The agent is older than the later node, so it would have been found before.
+    # without the server; the agent is older than the later node, so it would have been found before
     assert found("look_for_later_node", domain) == ["0"]

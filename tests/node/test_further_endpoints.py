@@ -17,6 +17,12 @@ from woosh_robot_msgs.srv import BuildMap, PlanNavPath, RobotState
 BUILD_MAP, PLAN = "woosh.robot.BuildMap", "woosh.robot.PlanNavPath"
 
 
+@pytest.fixture
+def robot(shared_robot: Robot) -> Robot:
+    """A client of the agent that the tests of this file share, and its new chassis."""
+    return shared_robot
+
+
 def planned() -> NavPath:
     path = NavPath()
     path.path.poses.add(x=1.0, y=2.0)
@@ -24,8 +30,9 @@ def planned() -> NavPath:
     return path
 
 
-@pytest.mark.parametrize("encoding", ["json", "protobuf"])
-@pytest.mark.parametrize("named", [PLAN, "woosh.robot.NavPath"])
+@pytest.mark.parametrize(
+    ("named", "encoding"), [(PLAN, "protobuf"), ("woosh.robot.NavPath", "json")]
+)
 def test_a_planned_path_is_read_whatever_type_the_answer_names(
     simulator: SimulatorThread,
     connect: Callable[..., RunningAgent],
@@ -40,27 +47,18 @@ def test_a_planned_path_is_read_whatever_type_the_answer_names(
     assert [(pose.x, pose.y) for pose in response.ret.path.poses] == [(1.0, 2.0), (3.0, 4.0)]
 
 
-def test_an_echo_of_the_request_is_an_empty_path(robot: Robot) -> None:
+def test_a_read_without_a_usable_answer_fails(robot: Robot) -> None:
+    def asked() -> tuple[bool, str, int]:
+        response = robot.call(PlanNavPath, "robot/PlanNavPath")
+        return response.ok, response.msg, len(response.ret.path.poses)
+
     replace_answers(robot.chassis, PLAN, ok=True, msg="", type=PLAN, body=None)
-    response = robot.call(PlanNavPath, "robot/PlanNavPath")
-    assert (response.ok, list(response.ret.path.poses)) == (True, [])
-
-
-@pytest.mark.parametrize("named", ["woosh.robot.Battery", "woosh.robot.Unheard"])
-def test_a_read_without_a_usable_answer_fails(robot: Robot, named: str) -> None:
-    replace_answers(robot.chassis, PLAN, ok=True, msg="", type=named, body=None)
-    response = robot.call(PlanNavPath, "robot/PlanNavPath")
-    assert not response.ok
-    assert response.msg == f"no usable answer: the chassis answered with {named}, not with " + (
-        "woosh.robot.NavPath"
-    )
-
-
-def test_a_read_whose_answer_cannot_be_read_fails(robot: Robot) -> None:
+    assert asked() == (True, "", 0), "an echo of the request is an empty path"
+    replace_answers(robot.chassis, PLAN, type="woosh.robot.Battery")
+    reason = "no usable answer: the chassis answered with woosh.robot.Battery, not with "
+    assert asked() == (False, f"{reason}woosh.robot.NavPath", 0)
     answer_with_json(robot.chassis, PLAN, type="woosh.robot.NavPath", body={"path": 7})
-    response = robot.call(PlanNavPath, "robot/PlanNavPath")
-    assert not response.ok
-    assert response.msg.startswith("no usable answer: the answer cannot be read: woosh.robot.NavPa")
+    assert asked()[1].startswith("no usable answer: the answer cannot be read: woosh.robot.NavPa")
 
 
 def test_a_long_request_delays_no_other(robot: Robot) -> None:

@@ -3,44 +3,41 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from tests.harness import Robot, RunningAgent, wait_until
+from tests.harness import Robot, wait_until
 from tests.node.goals import (
     ACTION,
     CANCELED,
     FEEDBACKS,
-    SUCCEEDED,
+    TASK,
     TASK_PROC,
     Kind,
     each_kind,
-    feedbacks,
     slow_down,
     without_reports,
 )
+from tests.node.test_parameters import change
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 
 
-@pytest.fixture
-def link_timeout() -> float:
-    """Return a timeout in seconds: short, but longer than the pauses of a busy machine."""
-    return 2.0
+@pytest.fixture(scope="module")
+def shared_parameters() -> dict[str, Any]:
+    """Return timeouts that are short, but longer than the pauses of a busy machine."""
+    return {"goal_link_timeout": 2.0, "poll_timeout": 1000}
 
 
 @pytest.fixture
-def agent(
-    simulator: SimulatorThread, connect: Callable[..., RunningAgent], link_timeout: float
-) -> RunningAgent:
-    """Start the agent with short timeouts."""
-    started = connect(goal_link_timeout=link_timeout, poll_timeout=1000)
-    slow_down(simulator)
-    return started
+def robot(shared_robot: Robot) -> Robot:
+    """A client of the agent that the tests of this file share, and its new chassis."""
+    slow_down(shared_robot.chassis)
+    return shared_robot
 
 
 @pytest.fixture(autouse=True)
@@ -77,20 +74,6 @@ def test_goal_never_reported_on_is_given_up_if_polls_are_refused(robot: Robot, k
     kind.start(robot).wait_aborted("no report on it")
 
 
-@pytest.mark.parametrize("refused", [False, True])
-def test_goal_reported_on_once_goes_on(robot: Robot, refused: bool) -> None:
-    """A chassis rarely reports on a long step, and may omit it from its answers to polls."""
-    goal = ACTION.running(robot)
-    remove = robot.chassis.intercept(hide_actions)
-    if refused:
-        robot.chassis.refuse(FEEDBACKS, "unknown type")
-    wait_polled(robot.chassis, ACTION, 30)  # 3 s
-    assert not goal.done
-    remove()
-    robot.chassis.push(feedbacks(1, "the end"))
-    assert goal.result()[0] == SUCCEEDED
-
-
 # The chassis does not answer polls
 
 
@@ -108,35 +91,12 @@ def test_goal_is_given_up_if_polls_are_not_answered(robot: Robot, kind: Kind) ->
     goal.wait_aborted("no report on it", "did not answer", "`stop` service")
 
 
-def test_goal_goes_on_if_reports_come_between_unanswered_polls(robot: Robot) -> None:
-    goal = ACTION.running(robot)
-    asked: list[Outgoing] = []
-
-    def seldom(out: Outgoing) -> list[Outgoing]:
-        if out.request != FEEDBACKS:
-            return without_reports(out)
-        asked.append(out)
-        told = dataclasses.replace(out, sn=0, request="", body=feedbacks(2, f"step {len(asked)}"))
-        return [told] if len(asked) % 2 == 0 else []
-
-    remove = robot.chassis.intercept(seldom)
-
-    def enough() -> bool:
-        robot.chassis.push(PoseSpeed())
-        return len(asked) >= 7
-
-    wait_until(enough)
-    assert not goal.done
-    remove()
-    robot.chassis.push(feedbacks(1, "the end"))
-    assert goal.result()[0] == SUCCEEDED
-
-
 # The chassis accepts a cancel
 
 
-@pytest.mark.parametrize("told", [False, True], ids=["silent", "reported as running"])
-@each_kind
+@pytest.mark.parametrize(
+    ("kind", "told"), [(TASK, False), (ACTION, True)], ids=["silent", "reported as running"]
+)
 def test_goal_is_given_up_if_an_accepted_cancel_has_no_effect(
     robot: Robot, kind: Kind, told: bool
 ) -> None:
@@ -168,9 +128,16 @@ def ignore_cancels(sim: Any) -> None:
 # The chassis does not answer a cancel
 
 
-@pytest.mark.parametrize("link_timeout", [10.0])
-@pytest.mark.parametrize("lost", ["answer", "link"])
-@each_kind
+@pytest.fixture
+def patient(robot: Robot) -> Iterator[None]:
+    """A timeout that no goal of the test exceeds."""
+    assert change(robot, goal_link_timeout=10.0) == (True, "")
+    yield
+    assert change(robot, goal_link_timeout=2.0) == (True, "")
+
+
+@pytest.mark.parametrize(("kind", "lost"), [(TASK, "answer"), (TASK, "link"), (ACTION, "answer")])
+@pytest.mark.usefixtures("patient")
 def test_cancel_is_repeated_only_after_a_report(robot: Robot, kind: Kind, lost: str) -> None:
     """A cancel of a task names no task, so it could end another client's newer task."""
     goal = kind.running(robot)

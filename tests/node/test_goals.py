@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.harness import GoalClient, Robot
 from tests.node.goals import (
     SUCCEEDED,
@@ -18,6 +20,12 @@ from tests.node.goals import (
 from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_ros_msgs.action import StepControl
+
+
+@pytest.fixture
+def robot(shared_robot: Robot) -> Robot:
+    """A client of the agent that the tests of this file share, and its new chassis."""
+    return shared_robot
 
 
 def short(robot: Robot, kind: Kind) -> GoalClient:

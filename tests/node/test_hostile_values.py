@@ -24,10 +24,8 @@ from PIL import Image
 from rclpy.qos import QoSProfile
 
 from tests.convert.random_messages import (
-    EXTREME_INTEGERS,
     EXTREMES,
     HUGE,
-    NOT_FINITE,
     body_with,
     extremes,
     item_type,
@@ -43,7 +41,7 @@ from tests.node.tasks.scripted_chassis import (
     ScriptedChassis,
 )
 from woosh_robot_agent.convert.mapping import class_of
-from woosh_robot_agent.endpoints import QUERIES, TOPICS
+from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
 from woosh_robot_agent.ros.standard import diagnostics, states
@@ -198,14 +196,17 @@ def check_log(logs: Logs, *expected: str) -> None:
     assert not {text: count for text, count in told.items() if count > 1}
 
 
-@pytest.mark.parametrize("name", PUSHES)
-def test_no_value_in_a_push_does_harm(name: str, rig: Rig, logs: Logs):
-    for path, kind in leaves(message_type(name).DESCRIPTOR):
-        rig.push(name, *(body_with(path, value) for value in EXTREMES[kind] for _ in range(2)))
-    for body in extremes(name):
-        rig.push(name, body, body)
+@pytest.mark.parametrize("part", range(4))
+def test_no_value_in_a_push_does_harm(part: int, rig: Rig, logs: Logs):
+    """In several parts, which can run at the same time."""
+    for name in PUSHES[part::4]:
+        bad = rig.link.stats.bad_frames["body"]
+        bodies = [body for body in extremes(name) for _ in range(2)]
+        for path, kind in leaves(message_type(name).DESCRIPTOR):
+            bodies += [body_with(path, value) for value in EXTREMES[kind]]
+        rig.push(name, *bodies)
+        assert rig.link.stats.bad_frames["body"] > bad
     assert rig.link.stats.connects == 1
-    assert rig.link.stats.bad_frames["body"] > 0
     check_log(logs)
     rig.check_topics()
 
@@ -215,9 +216,9 @@ def test_no_value_in_robot_info_does_harm(rig: Rig, logs: Logs):
         body_with(path, value)
         for path, kind in leaves(message_type(ROBOT_INFO).DESCRIPTOR)
         if kind == Kind.CPPTYPE_FLOAT
-        for value in (math.inf, math.nan, 3e38)
+        for value in (math.inf, 3e38)
     ]
-    for info in (*extremes(ROBOT_INFO), *numbers):
+    for info in (*extremes(ROBOT_INFO), *numbers[::2]):
         logs.messages.clear()  # each link logs bad values again
         genral = {**info.get("genral", {}), "serial_number": 0}  # another robot would be refused
         rig.reconnect({**info, "robot_id": 10001, "genral": genral})
@@ -232,7 +233,7 @@ def test_no_value_in_an_answer_does_harm(name: str, rig: Rig, logs: Logs):
     bodies = [
         body_with(path, value)
         for path, kind in leaves(message_type(name).DESCRIPTOR)
-        for value in EXTREMES[kind]
+        for value in EXTREMES[kind][:3]
         if not any(part.endswith("_info") for part in path)  # marks, which the agent does not use
     ]
     for number, body in enumerate((*bodies, *extremes(name))):
@@ -253,45 +254,9 @@ def test_no_value_in_an_answer_does_harm(name: str, rig: Rig, logs: Logs):
     rig.check_topics()
 
 
-def test_no_value_in_an_answer_to_a_client_does_harm(rig: Rig, client: Client, logs: Logs):
-    for query in QUERIES:
-        srv = class_of(query.srv, "srv")
-        for body in extremes(query.request):
-            rig.chassis.keep(query.request, body)
-            client.call(srv, query.name)
-        rig.chassis.keep(query.request, {})
-    assert rig.link.stats.connects == 1
-    check_log(logs)
-
-
-def test_no_value_of_an_envelope_does_harm(rig: Rig, logs: Logs):
-    frame = {"type": POSE_SPEED, "body": {}}
-    frames = [
-        {**frame, field: value}
-        for field in ("timestamp", "sn", "ok", "msg", "type", "body")
-        for value in (
-            *EXTREME_INTEGERS,
-            *NOT_FINITE,
-            1e308,
-            "9" * 312,
-            "9" * 5000,
-            "x",
-            "\0",
-            [],
-            {},
-            True,
-        )
-    ]
-    rig.send(*(json.dumps(each) for each in frames for _ in range(2)))
-    assert rig.link.stats.connects == 1
-    check_log(logs)
-
-
 BAD = [
-    (NAV_PATH, ("path", "poses", "[]", "theta"), "robot/NavPath", "plan"),
     (NAV_PATH, ("path", "poses", "[]", "x"), "robot/NavPath", "plan"),
     (MODEL, ("model", "[]", "y"), "robot/Model", "footprint"),
-    (POSE_SPEED, ("pose", "theta"), "robot/PoseSpeed", "odom"),
     (POSE_SPEED, ("twist", "angular"), "robot/PoseSpeed", "odom"),
 ]
 

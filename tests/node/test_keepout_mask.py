@@ -66,18 +66,3 @@ def test_mask_that_cannot_be_read_does_not_withhold_the_map(
     assert client.echo(OccupancyGrid, "map").wait_count(1)
     assert not masks.messages
     assert logs.wait_text("no keepout_mask, ")
-
-
-def test_mask_follows_the_map(
-    office: SimulatorThread, start_agent: StartAgent, client: Client
-) -> None:
-    start_agent(ip="127.0.0.1", port=office.port)
-    masks = client.echo(OccupancyGrid, "keepout_mask")
-    masks.wait_count(1)
-    office.call(lambda inner: inner.chassis.switch_map(*_hall(inner.chassis)))
-    assert masks.wait(lambda mask: not cells(mask).any())
-
-
-def _hall(chassis: Any) -> tuple[Any, Any]:
-    scene = chassis.scenes["wooshmap"]
-    return scene, scene.maps[0]

@@ -26,47 +26,26 @@ def velocities(simulator: SimulatorThread) -> list[float]:
     return [each.message.linear for each in simulator.received if each.type == TWIST]
 
 
-def test_a_stream_whose_sender_has_died_meanwhile_moves_nothing(
-    program: Program, simulator: SimulatorThread, client: Client
-) -> None:
-    sender = Sender(client)
-    sender.repeat(50.0, x=0.2)
-    wait_until(lambda: len(velocities(simulator)) > 3, "the first velocities")
-    program.process.send_signal(signal.SIGSTOP)
-    time.sleep(PAUSE)
-    sender.pause()
-    before = len(velocities(simulator))
-    program.process.send_signal(signal.SIGCONT)
-    assert client.call(Speak, "robot/Speak").ok  # the agent has handled what came before
-    assert not any(velocities(simulator)[before:])
-    program.wait_says("old")
-
-
-def test_a_goal_pose_during_the_pause_moves_nothing(
-    program: Program, simulator: SimulatorThread, client: Client
-) -> None:
-    publisher = client.publisher(PoseStamped, "goal_pose")
-    message = PoseStamped()
-    message.header.frame_id = "map"
-    message.pose.position.x, message.pose.position.y, message.pose.orientation.w = 5.0, -6.8, 1.0
-    program.process.send_signal(signal.SIGSTOP)
-    publisher.publish(message)
-    time.sleep(PAUSE)
-    program.process.send_signal(signal.SIGCONT)
-    program.wait_says("goal_pose is ignored: not sent: the agent stood still")
-    assert not any(may_move(each.message) for each in simulator.received)
-
-
-def test_calls_and_goals_during_the_pause_move_nothing_and_say_why(
+def test_what_comes_during_the_pause_moves_nothing_and_the_reason_is_told(
     program: Program, simulator: SimulatorThread, client: Client
 ) -> None:
     service = client.service(Twist, "robot/Twist")
     action = client.action(StepControl, "ros/StepControl")
+    poses = client.publisher(PoseStamped, "goal_pose")
+    pose = PoseStamped()
+    pose.header.frame_id = "map"
+    pose.pose.position.x, pose.pose.position.y, pose.pose.orientation.w = 5.0, -6.8, 1.0
+    sender = Sender(client)
+    sender.repeat(50.0, x=0.2)
+    wait_until(lambda: len(velocities(simulator)) > 3, "the first velocities")
     program.process.send_signal(signal.SIGSTOP)
+    poses.publish(pose)
     request = Twist.Request(arg=TwistMsg(linear=0.2))
     calls = [service.call_async(request) for _ in range(20)]
     goal = client.in_executor(lambda: action.send_goal_async(step_goal(0.5)))
     time.sleep(PAUSE)
+    sender.pause()  # as if the sender had died meanwhile
+    before = len(velocities(simulator))
     program.process.send_signal(signal.SIGCONT)
     answers = [wait_future(call) for call in calls]
     assert not any(answer.ok for answer in answers)
@@ -74,4 +53,9 @@ def test_calls_and_goals_during_the_pause_move_nothing_and_say_why(
     result = wait_future(client.in_executor(wait_future(goal).get_result_async))
     assert result.status == ABORTED
     assert "stood still" in result.result.ret.msg
-    assert not any(may_move(each.message) for each in simulator.received)
+    program.wait_says("goal_pose is ignored: not sent: the agent stood still")
+    program.wait_says("old")
+    assert client.call(Speak, "robot/Speak").ok  # the agent has handled what came before
+    assert not any(velocities(simulator)[before:])
+    moving = [each for each in simulator.received if may_move(each.message)]
+    assert {each.type for each in moving} == {TWIST}, "those before the pause"

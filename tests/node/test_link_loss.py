@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from tests.harness import GoalClient, Robot, RunningAgent, wait_until
+from tests.harness import GoalClient, Robot, wait_until
 from tests.node.goals import (
     ACTION,
     CALL_ACTION,
@@ -28,6 +27,7 @@ from tests.node.goals import (
     until,
     without_reports,
 )
+from tests.node.test_parameters import change
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -50,9 +50,16 @@ medium_timeouts = pytest.mark.parametrize(
 """Timeouts with which a goal is given up, but not before the test makes the chassis hang."""
 
 
+@pytest.fixture(scope="module")
+def shared_parameters() -> dict[str, Any]:
+    return {"backoff_max": 0.1}
+
+
 @pytest.fixture
-def agent(connect: Callable[..., RunningAgent], timeouts: dict[str, Any]) -> RunningAgent:
-    return connect(backoff_max=0.1, **timeouts)
+def robot(shared_robot: Robot, timeouts: dict[str, Any]) -> Robot:
+    """A client of the agent that the tests of this file share, with timeouts for this test."""
+    assert change(shared_robot, **timeouts) == (True, "")
+    return shared_robot
 
 
 @pytest.fixture(autouse=True)
@@ -118,15 +125,6 @@ def test_goal_unknown_to_the_chassis_is_aborted(robot: Robot, kind: Kind) -> Non
 # The link does not come back
 
 
-@short_timeouts
-@each_kind
-def test_goal_is_aborted_if_the_link_stays_lost(robot: Robot, kind: Kind) -> None:
-    slow_down(robot.chassis)
-    goal = kind.running(robot)
-    robot.chassis.stop_listening()
-    assert goal.wait_aborted("link was lost", "0.8 s").state.value == kind.failed
-
-
 def test_new_goal_without_a_link_is_aborted_and_not_sent_later(robot: Robot) -> None:
     switch_off(robot.chassis)
     task(robot).wait_aborted("not connected to ws://127.0.0.1")
@@ -146,18 +144,6 @@ def test_goal_is_aborted_if_the_chassis_hangs(robot: Robot, kind: Kind) -> None:
     goal = kind.running(robot)
     robot.chassis.inject("freeze")
     goal.wait_aborted("does not answer", "the robot may still be executing it")
-
-
-@each_kind
-def test_goal_goes_on_if_the_chassis_hung_for_a_while(robot: Robot, kind: Kind) -> None:
-    goal = medium(robot, kind)
-    goal.feedback.wait_count(2)
-    mute = robot.chassis.inject("lose_answer", type=kind.polls, count=1)
-    silence = robot.chassis.intercept(lambda out: [out] if out.sn else [])
-    wait_until(lambda: not mute.active, "a poll without an answer")
-    robot.chassis.wait_received(kind.polls, 2)
-    silence()
-    assert goal.result()[0] == SUCCEEDED
 
 
 # The start request gets no answer

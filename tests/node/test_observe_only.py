@@ -146,27 +146,27 @@ def test_the_wifi_list_is_read_and_no_other_order_is_sent(observer: Robot) -> No
     assert not observer.call(RobotWiFi, "robot/RobotWiFi", arg=arg).ok
 
 
-def test_diagnostics_show_it(observer: Robot) -> None:
+def test_diagnostics_show_it_and_what_others_do(observer: Robot, logs: Logs) -> None:
     def link(message: Any) -> Any:
         return next(s for s in message.status if s.name.endswith(": link"))
 
     seen = diagnostics(observer)
-    status = link(seen.wait_count(1)[0])
-    assert status.message == "observes only: commands are refused"
-    assert {v.key: v.value for v in status.values}["observe only"] == "yes"
-    assert change(observer, observe_only=False) == (True, "")
-    seen.wait(lambda m: {v.key: v.value for v in link(m).values}["observe only"] == "no")
-
-
-def test_what_others_do_is_observed(observer: Robot, logs: Logs) -> None:
-    seen = diagnostics(observer)
+    # what others do is observed, too
     observer.chassis.push(StatusCode(code=110301000042, level=StatusCode.kWarn))
     logs.wait_text("left motor is too hot")
     observer.chassis.push(TaskProc(robot_task_id=5, state=EXECUTING))
     motion = seen.wait(lambda m: "another client: task 5" in [s.message for s in m.status])
     assert all(s.level == s.OK for s in motion.status if s.name.endswith((": motion", ": agents")))
-    observer.agent.close()
     assert received(observer.chassis) <= READS
+    status = link(motion)
+    assert status.message == "observes only: commands are refused"
+    assert {v.key: v.value for v in status.values}["observe only"] == "yes"
+    assert not observer.call(Speak, "robot/Speak").ok
+    assert change(observer, observe_only=False) == (True, "")
+    assert observer.call(Speak, "robot/Speak").ok
+    assert observer.chassis.counts[SPEAK] == 1
+    assert observer.chassis.counts["woosh.robot.RobotInfo"] == 1, "it does not reconnect"
+    seen.wait(lambda m: {v.key: v.value for v in link(m).values}["observe only"] == "no")
 
 
 def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(robot: Robot) -> None:
@@ -177,16 +177,6 @@ def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(robot: Robot) -> None:
     goal.result()
     text = "a goal: task 7; the goal has ended, but the robot continues"
     diagnostics(robot).wait(lambda m: text in [s.message for s in m.status])
-
-
-def test_commands_are_sent_again_when_it_is_turned_off(observer: Robot) -> None:
-    assert not observer.call(Speak, "robot/Speak").ok
-    assert change(observer, observe_only=False) == (True, "")
-    assert observer.call(Speak, "robot/Speak").ok
-    assert change(observer, observe_only=True) == (True, "")
-    assert REASON in observer.call(Speak, "robot/Speak").msg
-    assert observer.chassis.counts[SPEAK] == 1
-    assert observer.chassis.counts["woosh.robot.RobotInfo"] == 1, "it does not reconnect"
 
 
 def test_a_driving_robot_is_stopped_when_it_is_turned_on(robot: Robot) -> None:
@@ -239,17 +229,3 @@ def test_turning_it_on_precedes_the_velocity_that_follows(robot: Robot, logs: Lo
         released.set()
     logs.wait_text("cmd_vel is ignored: this agent only observes")
     assert robot.chassis.counts[TWIST] == 0
-
-
-def test_each_robot_of_a_process_has_its_own(
-    domain: int, simulator: SimulatorThread, start_agent: Callable[..., RunningAgent]
-) -> None:
-    for namespace, observe_only in (("/r1", True), ("/r2", False)):
-        start_agent(
-            namespace=namespace, ip="127.0.0.1", port=simulator.port, observe_only=observe_only
-        ).wait_connected()
-    for namespace, ok in (("/r1", False), ("/r2", True)):
-        with closing(Client(domain, namespace)) as user:
-            response = user.call(Speak, "robot/Speak")
-        assert response.ok == ok
-        assert ok or "ros2 param set /r1/agent observe_only false" in response.msg

@@ -54,8 +54,7 @@ def test_another_robot_is_refused_and_the_first_one_taken_back(
     # a query answers for the first robot, and says so in the log
     assert robot.call(RobotInfo, "robot/RobotInfo").info.genral.serial_number == FORMER
     assert change(robot, port=robot.chassis.port) == (True, "")
-    connected.wait_count(len(connected.messages) + 1)
-    assert connected.messages[-1].data
+    wait_until(lambda: connected.messages[-1].data, "the first robot")
     assert robot.call(Speak, "robot/Speak").ok
     assert not other.counts["woosh.robot.Speak"]
 

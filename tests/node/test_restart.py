@@ -6,7 +6,6 @@ import itertools
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from typing import Any
 
 import pytest
 
@@ -15,8 +14,7 @@ from tests.node.goals import EXEC_TASK, EXECUTING, SUCCEEDED, pause_task, short_
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
-from woosh_robot_msgs.msg import Twist as TwistMsg
-from woosh_robot_msgs.srv import Speak, Twist
+from woosh_robot_msgs.srv import Speak
 
 SPEAK = "woosh.robot.Speak"
 TWIST = "woosh.robot.Twist"
@@ -74,27 +72,3 @@ def test_agent_killed_during_a_goal_repeats_no_command(
     with closing(Client(program.domain)) as late:
         assert short_task(late, 0.3).result()[0] == SUCCEEDED
     assert simulator.counts[EXEC_TASK] == 2
-
-
-@pytest.mark.timeout(600)
-def test_agent_killed_while_driving_repeats_no_command(
-    program: Program,
-    start_connected: Callable[[], Program],
-    simulator: SimulatorThread,
-    client: Client,
-) -> None:
-    assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.1)).ok
-    calls: list[Any] = []
-    for number in range(20):
-        calls.append(client.call_async(Twist, "robot/Twist", arg=TwistMsg(linear=0.1)))
-        if number == 10:
-            program.process.kill()
-    program.process.wait(TIMEOUT)
-    wait_until(lambda: simulator.connections == 0)
-    count = simulator.counts[TWIST]
-    assert count <= 21
-    wait_until(lambda: simulator.state.velocity.forward == 0, "the robot to stop by itself")
-
-    start_connected()
-    speak_until_answered(client, (f"text {number}" for number in itertools.count()))
-    assert simulator.counts[TWIST] == count

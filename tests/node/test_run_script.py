@@ -86,18 +86,15 @@ def started(script: Path, domain: int, *arguments: str) -> tuple[subprocess.Pope
     return process, "".join(lines)
 
 
-@pytest.mark.parametrize("release", ["", "-kilted"])
-def test_the_address_of_the_page_comes_before_the_commands(
-    tmp_path: Path, domain: int, release: str
-) -> None:
-    with running(checkout(tmp_path, release), domain) as (process, output):
+def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domain: int) -> None:
+    with running(checkout(tmp_path, "-kilted"), domain) as (process, output):
         address = re.search(r"in your browser: (http://127\.0\.0\.1:\d+/)\n", output)
         assert address, output
         before, after = output[: address.start()], output[address.end() :]
         assert "/woosh_robot" not in before
         assert "starting the agent" in after
         assert "/woosh_robot/robot/PoseSpeed" in after
-        assert ("export WOOSH_ROS=kilted; source" in after) == bool(release)
+        assert "export WOOSH_ROS=kilted; source" in after
         with urllib.request.urlopen(address[1], timeout=TIMEOUT) as response:
             assert b"main.js" in response.read()
         process.send_signal(signal.SIGINT)
@@ -105,7 +102,7 @@ def test_the_address_of_the_page_comes_before_the_commands(
     assert process.returncode == 130
 
 
-@pytest.mark.parametrize("port", ["0", "65535", "99999999999999999999", "5e3", "-1"])
+@pytest.mark.parametrize("port", ["0", "65535", "5e3"])
 def test_a_port_that_cannot_be_used_is_refused(tmp_path: Path, domain: int, port: str) -> None:
     with running(checkout(tmp_path), domain, "--port", port) as (process, output):
         process.wait(TIMEOUT)
@@ -120,6 +117,7 @@ def test_a_fleet_is_sent_round_and_ends_with_ctrl_c(tmp_path: Path, domain: int)
         broker = re.search(r"mosquitto_sub -p (\d+)", output)
         assert address, output
         assert broker, output
+        assert "WOOSH_ROS" not in output, "the default release"
         with urllib.request.urlopen(address[0].strip(), timeout=TIMEOUT) as response:
             assert b"main.js" in response.read()
         assert process.stdout is not None

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
+import math
 import random
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-import pytest
 from rclpy.task import Future
 
 from tests.convert.random_messages import blank, carried, item_type, random_proto, random_ros
@@ -32,17 +33,10 @@ def arg_class(command: Any) -> Any:
     return field_class(srv_of(command).Request, "arg")
 
 
-def answer_with(simulator: Any, **changes: Any) -> Any:
-    """Replace every answer of the chassis by one with these changes."""
-    for command in COMMANDS:
-        simulator.refuse(command.request, "not done")
-    return simulator.intercept(lambda f: [replace(f, **changes) if f.request else f])
-
-
-@pytest.mark.parametrize("ok", [True, False])
-def test_request_and_answer_pass_untouched(ok, simulator, agent, client):
+def test_request_and_answer_pass_untouched(simulator, agent, client):
     rng = random.Random(7)
-    for command in COMMANDS:
+    for number, command in enumerate(COMMANDS):
+        ok = number % 2 == 0
         arg = random_ros(rng, arg_class(command))
         if command.name == "robot/Twist":  # beyond the limits, it would be changed or refused
             arg = type(arg)(linear=0.25, angular=-0.5)
@@ -52,7 +46,10 @@ def test_request_and_answer_pass_untouched(ok, simulator, agent, client):
             ret_class = field_class(srv_of(command).Response, "ret")
             proto_class = message_type(command.answer)
             changes["body"] = random_proto(rng, proto_class, ret_class)
-        undo = answer_with(simulator, **changes)
+        simulator.refuse(command.request, "not done")
+        undo = simulator.intercept(
+            lambda f, changes=changes: [replace(f, **changes) if f.request else f]
+        )
         response = client.call(srv_of(command), command.name, arg=arg)
         undo()
         sent = simulator.last(command.request)
@@ -63,19 +60,23 @@ def test_request_and_answer_pass_untouched(ok, simulator, agent, client):
             assert response.ret == ret, command.name
 
 
-@pytest.mark.parametrize("kind", ["woosh.robot.Battery", "woosh.robot.Unheard", "error"])
-def test_ok_and_msg_are_used_even_with_a_body_of_another_type(kind, simulator, agent, client):
-    answer_with(simulator, ok=True, msg="done", type=kind, body=None)
-    response = client.call(SwitchControlMode, "robot/SwitchControlMode")
-    assert (response.ok, response.msg) == (True, "done")
-    assert response.ret == blank(response.ret)
-    assert client.call(Speak, "robot/Speak").ok
+def test_ok_and_msg_are_used_even_with_a_body_of_another_type(simulator, agent, client):
+    for kind in ("woosh.robot.Battery", "woosh.robot.Unheard", "error"):
+        changes = {"ok": True, "msg": "done", "type": kind, "body": None}
+        undo = simulator.intercept(
+            lambda f, changes=changes: [replace(f, **changes) if f.request else f]
+        )
+        response = client.call(SwitchControlMode, "robot/SwitchControlMode")
+        assert (response.ok, response.msg) == (True, "done")
+        assert response.ret == blank(response.ret)
+        assert client.call(Speak, "robot/Speak").ok
+        undo()
 
 
 def test_call_without_a_link_fails_with_the_reason(start_agent, client):
     agent = start_agent(ip="127.0.0.1", port=1, poll_timeout=60_000)
     wait_until(lambda: agent.agent.robot.chassis.last_error, "the first attempt")
-    for command in COMMANDS:
+    for command in COMMANDS[::10]:
         response = client.call(srv_of(command), command.name)
         assert not response.ok
         assert "not connected to ws://127.0.0.1:1 since 2" in response.msg, command.name
@@ -84,7 +85,7 @@ def test_call_without_a_link_fails_with_the_reason(start_agent, client):
 
 def test_call_without_an_answer_fails_after_the_timeout(simulator, connect, client):
     connect(poll_timeout=500)
-    quick = [command for command in COMMANDS if not command.timeout]
+    quick = [command for command in COMMANDS if not command.timeout][::10]
     for command in quick:
         simulator.mute(command.request)
     calls = {c: client.call_async(srv_of(c), c.name) for c in quick}
@@ -138,39 +139,21 @@ def message_with(cls: Any, path: str, value: Any) -> Any:
     return message
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("-inf")])
-def test_bad_values_are_named_and_not_sent(value, simulator, agent, client):
+def test_bad_values_are_named_and_not_sent(simulator, agent, client):
+    values = itertools.cycle([math.nan, -math.inf])
     for command in COMMANDS:
         for path in leaves(arg_class(command), ("float",)):
-            arg = message_with(arg_class(command), path, value)
+            arg = message_with(arg_class(command), path, next(values))
             response = client.call(srv_of(command), command.name, arg=arg)
             assert not response.ok
             assert response.msg.startswith(f"arg.{path}"), command.name
         assert not simulator.counts[command.request]
 
 
-def value_at(message: Any, path: str) -> Any:
-    """Return a value in a protobuf message, which has the members of oneofs as its own fields."""
-    for step in path.split("."):
-        message = getattr(message, step.removesuffix("[0]"), message)
-        if step.endswith("[0]"):
-            message = message[0]
-    return message
-
-
 def test_the_replacement_character_is_text_like_any_other(simulator, agent, client):
     """rclpy also puts it in place of bytes that are not UTF-8, which are refused."""
-    sent = 0
-    for command in COMMANDS:
-        for path in leaves(arg_class(command), ("string",)):
-            arg = message_with(arg_class(command), path, "a\ufffd谢b")
-            before = simulator.counts[command.request]
-            client.call(srv_of(command), command.name, arg=arg)
-            assert simulator.counts[command.request] == before + 1, (command.name, path)
-            received = simulator.last(command.request)
-            assert value_at(received, path) == "a\ufffd谢b"
-            sent += 1
-    assert sent > 50
+    assert client.call(Speak, "robot/Speak", arg=SpeakMsg(text="a\ufffd谢b")).ok
+    assert simulator.last(SPEAK).text == "a\ufffd谢b"
 
 
 class CString(ctypes.Structure):

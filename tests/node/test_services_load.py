@@ -6,9 +6,7 @@ import threading
 from dataclasses import replace
 from typing import Any
 
-import pytest
-
-from tests.harness import wait_future, wait_until
+from tests.harness import wait_future
 from tests.node.goals import answer_with_json
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath as NavPathProto
 from woosh_robot_agent.ros.bridge import Reply
@@ -19,16 +17,11 @@ SPEAK = "woosh.robot.Speak"
 NAV_PATH = "woosh.robot.NavPath"
 
 
-@pytest.fixture
-def busy_agent(connect: Any) -> Any:
-    return connect()
-
-
 def speak(client: Any, text: str) -> Any:
     return client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
 
 
-def test_a_slow_call_holds_up_no_other(simulator, busy_agent, client):
+def test_a_slow_call_holds_up_no_other(simulator, agent, client):
     simulator.mute(SPEAK)
     slow = speak(client, "slow")
     simulator.wait_received(SPEAK)
@@ -41,27 +34,7 @@ def test_a_slow_call_holds_up_no_other(simulator, busy_agent, client):
     assert not wait_future(slow).ok
 
 
-def test_a_flood_is_answered_to_the_last_call(simulator, busy_agent, client):
-    simulator.mute(SPEAK)
-    calls = [speak(client, str(number)) for number in range(200)]
-    wait_until(
-        lambda: sum(call.done() for call in calls) == 200 - 64, "refusal of what exceeds the limit"
-    )
-    for call in (call for call in calls if call.done()):
-        assert "64 requests are in flight" in call.result().msg
-    simulator.wait_received(SPEAK, 64)
-    simulator.accept(SPEAK)
-    simulator.drop()
-    answers = [wait_future(call) for call in calls]
-    assert not any(answer.ok for answer in answers)
-    assert sum("lost the link" in answer.msg for answer in answers) == 64
-    busy_agent.wait_connected(2)
-    assert wait_future(speak(client, "again")).ok
-
-
-def test_large_values_are_sent_aside_even_the_last_known_one(
-    simulator, busy_agent, client, monkeypatch
-):
+def test_large_values_are_sent_aside_even_the_last_known_one(simulator, agent, client, monkeypatch):
     path = NavPathProto()
     for number in range(3000):
         path.path.poses.add(x=number / 100.0)
@@ -84,7 +57,7 @@ def test_large_values_are_sent_aside_even_the_last_known_one(
     assert threads == {"large messages_0"}
 
 
-def test_too_many_queries_are_logged_once(simulator, busy_agent, client, logs):
+def test_too_many_queries_are_logged_once(simulator, agent, client, logs):
     simulator.mute(SPEAK)
     for number in range(64):
         speak(client, str(number))
@@ -93,12 +66,12 @@ def test_too_many_queries_are_logged_once(simulator, busy_agent, client, logs):
         assert client.call(Mode, "robot/Mode").info.ctrl.value == 1  # the last known value
         assert client.call(General, "robot/General").info.serial_number == 30001
     simulator.drop()
-    busy_agent.wait_connected(2)
+    agent.wait_connected(2)
     warnings = logs.with_text("requests are in flight", "WARNING")
     assert len(logs.with_text("requests are in flight")) > len(warnings) == 1
 
 
-def test_text_that_ros_cannot_encode_does_not_lose_the_answer(simulator, busy_agent, client):
+def test_text_that_ros_cannot_encode_does_not_lose_the_answer(simulator, agent, client):
     """A JSON string may contain a lone surrogate, which has no UTF-8 encoding."""
     answer_with_json(simulator, SPEAK, msg="a\ud800b")
     response = wait_future(speak(client, "x"))
@@ -107,9 +80,9 @@ def test_text_that_ros_cannot_encode_does_not_lose_the_answer(simulator, busy_ag
     assert client.call(General, "robot/General").info.serial_number == 30001
 
 
-def test_an_exception_in_a_callback_is_answered(busy_agent, client, logs, monkeypatch):
+def test_an_exception_in_a_callback_is_answered(agent, client, logs, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(busy_agent.agent.robot.requests, "make", lambda *_: 1 / 0)
+        patch.setattr(agent.agent.robot.requests, "make", lambda *_: 1 / 0)
         response = client.call(SetSound, "setting/Sound")
     assert not response.ok
     assert "ZeroDivisionError" in response.msg
@@ -126,16 +99,8 @@ def test_a_reply_is_sent_once(logs):
     assert [record.levelname for record in logs.messages] == ["ERROR"]
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        OverflowError("large"),
-        TypeError("large"),
-        SystemError("large"),
-        UnicodeEncodeError("utf-8", "\ud800", 0, 1, "large"),
-    ],
-)
-def test_an_error_while_sending_is_answered(error, logs):
+def test_an_error_while_sending_is_answered(logs):
+    error = OverflowError("large")
     sent: list[Any] = []
 
     def send(response: Any, header: Any) -> None:

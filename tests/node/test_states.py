@@ -59,6 +59,7 @@ def test_battery_state_shows_the_battery(simulator, agent, client):
 
 def test_plan_ends_where_the_task_ends(simulator, agent, client):
     plans = client.echo(Path, "plan")
+    assert not plans.wait_count(1)[0].poses, "the first one is empty"
     goal = short_task(client, 1.0)
     plan = plans.wait(lambda m: len(m.poses) > 1)
     assert plan.header.frame_id == "map"
@@ -82,10 +83,6 @@ def test_footprint_follows_a_change_of_its_type_and_is_repeated(simulator, agent
     footprints.wait(lambda m: m.polygon == last.polygon and m.header.stamp != last.header.stamp)
 
 
-def test_the_first_plan_is_empty(agent, client):
-    assert not client.echo(Path, "plan").wait_count(1)[0].poses
-
-
 def test_the_first_plan_does_not_replace_a_newer_one(simulator, connect, client):
     """The chassis pushes a new path right after its answer, in a burst of frames."""
     old, new = (NavPath(path=PbPath(poses=[Pose2D()] * count)) for count in (2, 3))
@@ -106,19 +103,15 @@ def test_the_first_plan_does_not_replace_a_newer_one(simulator, connect, client)
         simulator.drop()
 
 
-class TestConnected:
-    def test_it_follows_the_link(self, simulator, agent, client):
-        connected = client.echo(Bool, "connected")
-        connected.wait(lambda m: m.data)
-        simulator.stop_listening()
-        connected.wait(lambda m: not m.data)
-        simulator.listen()
-        wait_until(lambda: connected.messages[-1].data)
-
-    def test_it_is_false_before_the_first_link(self, start_agent, client):
-        start_agent(ip="127.0.0.1", port=1)
-        connected = client.echo(Bool, "connected")
-        assert not connected.wait_count(1)[0].data
+def test_connected_follows_the_link(simulator, start_agent, client):
+    simulator.stop_listening()
+    start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
+    connected = client.echo(Bool, "connected")
+    assert not connected.wait_count(1)[0].data
+    simulator.listen()
+    connected.wait(lambda m: m.data)
+    simulator.stop_listening()
+    wait_until(lambda: not connected.messages[-1].data)
 
 
 class TestMap:
@@ -151,13 +144,11 @@ class TestMap:
         # the last row of the image is the first of the grid
         assert list(grid.data) == [100, 0, 0, 0, -1, 100]
 
-    def test_it_is_requested_only_on_demand(self, simulator, scene, agent, client):
-        states = client.echo(BatteryState, "battery_state")
-        states.wait_count(1)
+    def test_it_is_requested_on_demand_and_again_when_it_changes(
+        self, simulator, scene, agent, client
+    ):
         diagnostics(client).wait_count(2)  # two seconds, enough for a request
         assert simulator.counts[SCENE_DATA] == 0
-
-    def test_it_is_requested_again_when_the_map_changes(self, simulator, scene, agent, client):
         grids = client.echo(OccupancyGrid, "map")
         grids.wait_count(1)
         scene.name = scene.maps[0].name = "scenex"
@@ -226,25 +217,11 @@ class TestDiagnostics:
         assert clock.level >= WARN
         assert "no time has come on /clock" in clock.message
 
-    def test_each_reason_to_reject_a_task_is_listed(self, simulator, agent, client):
-        arrays = diagnostics(client)
-        simulator.set_emergency_stop(True)
-        assert client.command("robot/SwitchControlMode", mode=2).ok
-        status = of(arrays.wait(lambda a: "manual" in of(a, "chassis").message), "chassis")
-        assert status.level >= WARN
-        assert "emergency stop is pressed" in status.message
-        assert values(status)["taskable"] == "no"
-        codes = of(arrays.wait(lambda a: of(a, "abnormal codes").level == ERROR), "abnormal codes")
-        assert codes.message
-
-    def test_a_robot_that_executes_a_task_takes_no_other_one(self, simulator, agent, client):
+    def test_what_keeps_the_robot_from_tasks_and_faulty_devices(self, simulator, agent, client):
         arrays = diagnostics(client)
         simulator.push(TaskProc(robot_task_id=7, type=task.kPick, state=task.kExecuting))
         array = arrays.wait(lambda a: values(of(a, "chassis"))["taskable"] == "no")
         assert of(array, "chassis").level == OK  # it is what the robot is for
-
-    def test_faulty_devices_are_listed(self, simulator, agent, client):
-        arrays = diagnostics(client)
         simulator.push(
             HardwareState(
                 motor=[HardwareState.kNormal, HardwareState.kFatal], imu=HardwareState.kWarn
@@ -252,10 +229,25 @@ class TestDiagnostics:
         )
         status = of(arrays.wait(lambda a: of(a, "hardware").level == ERROR), "hardware")
         assert values(status) == {"motor 2": "fatal", "imu": "warn"}
+        # each reason to reject a task is listed
+        simulator.set_emergency_stop(True)
+        assert client.command("robot/SwitchControlMode", mode=2).ok
+        status = of(arrays.wait(lambda a: "manual" in of(a, "chassis").message), "chassis")
+        assert status.level >= WARN
+        assert "emergency stop is pressed" in status.message
+        codes = of(arrays.wait(lambda a: of(a, "abnormal codes").level == ERROR), "abnormal codes")
+        assert codes.message
 
-    def test_a_lost_link_is_an_error_until_it_is_back(self, simulator, agent, client):
+    def test_a_low_battery_and_a_lost_link_are_errors(self, simulator, agent, client):
         arrays = diagnostics(client)
-        arrays.wait_count(1)
+        simulator.push(Battery(power=15, charge_state=Battery.kNot))
+        arrays.wait(lambda a: of(a, "battery").level == WARN)
+        simulator.push(Battery(power=4, charge_state=Battery.kNot))
+        arrays.wait(lambda a: of(a, "battery").level == ERROR)
+        simulator.push(Battery(power=4, charge_state=Battery.kAuto))
+        arrays.wait(
+            lambda a: of(a, "battery").level == OK and values(of(a, "battery"))["percent"] == "4"
+        )
         simulator.stop_listening()
         array = arrays.wait(lambda a: of(a, "link").level == ERROR)
         assert of(array, "battery").level == STALE
@@ -273,14 +265,3 @@ class TestDiagnostics:
         connect()
         array = diagnostics(client).wait(lambda a: len(a.status) > 2)
         assert of(array, "battery").level == STALE
-
-    def test_a_low_battery_is_a_warning_or_an_error(self, simulator, agent, client):
-        arrays = diagnostics(client)
-        simulator.push(Battery(power=15, charge_state=Battery.kNot))
-        arrays.wait(lambda a: of(a, "battery").level == WARN)
-        simulator.push(Battery(power=4, charge_state=Battery.kNot))
-        arrays.wait(lambda a: of(a, "battery").level == ERROR)
-        simulator.push(Battery(power=4, charge_state=Battery.kAuto))
-        arrays.wait(
-            lambda a: of(a, "battery").level == OK and values(of(a, "battery"))["percent"] == "4"
-        )

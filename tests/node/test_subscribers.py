@@ -113,7 +113,7 @@ def pass_a_period(client: Client, name: str) -> None:
 
 
 def test_each_publisher_is_created_once(
-    start: Callable[..., RunningAgent], monkeypatch: pytest.MonkeyPatch
+    connect: Callable[..., RunningAgent], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Subscribers may not discover a publisher that follows a destroyed one of the same topic."""
     created: Counter[str] = Counter()
@@ -124,16 +124,16 @@ def test_each_publisher_is_created_once(
         return create(node, message_class, topic, *arguments, **options)
 
     monkeypatch.setattr(Node, "create_publisher", count)
-    start()
+    connect(publish_tf=True)
     assert created["/diagnostics"] == created["odom"] == 1
     assert {topic: number for topic, number in created.items() if number > 1} == {}
 
 
 def test_odom_is_published_as_soon_as_it_has_a_subscriber(
-    start: Callable[..., RunningAgent], client: Client
+    connect: Callable[..., RunningAgent], client: Client
 ) -> None:
     """The first message does not wait for the next period: ten periods of /diagnostics."""
-    start(odom_rate=0.1)
+    connect(odom_rate=0.1)
     diagnostics, _ = listen(client, DiagnosticArray, "/diagnostics")
     diagnostics.wait_count(2)  # the first period of odom would have begun
     listen(client, Odometry, "odom")[0].wait_count(1)

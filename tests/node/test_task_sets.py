@@ -20,6 +20,12 @@ from woosh_robot_msgs.action import ExecPreTask
 TASK_SETS = "robot/ExecPreTask"
 
 
+@pytest.fixture
+def robot(shared_robot: Robot) -> Robot:
+    """A client of the agent that the tests of this file share, and its new chassis."""
+    return shared_robot
+
+
 def send(client: Client, number: int) -> GoalClient:
     goal = ExecPreTask.Goal()
     goal.arg.task_set_id = number

@@ -18,7 +18,6 @@ import rclpy
 
 from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.testing import (
-    RunningAgent,
     own_domain,
     running_agent,
     running_chassis,
@@ -62,15 +61,11 @@ def test_the_docs_show_the_example_unchanged(file: Path) -> None:
     assert f"```python\n{file.read_text()}```" in (DOCS / "testing.md").read_text()
 
 
-@pytest.mark.parametrize(
-    "conftest",
-    [
-        "pytest_plugins = ['woosh_robot_agent.testing']",
-        "from woosh_robot_agent.testing import simulated_chassis, woosh_agent",
-    ],
-)
-def test_fixtures_work_as_plugin_and_as_import(tmp_path: Path, conftest: str) -> None:
-    (tmp_path / "conftest.py").write_text(conftest)
+def test_fixtures_can_be_imported(tmp_path: Path) -> None:
+    """The examples, and the next test, use them as a plugin."""
+    (tmp_path / "conftest.py").write_text(
+        "from woosh_robot_agent.testing import simulated_chassis, woosh_agent"
+    )
     (tmp_path / "test_it.py").write_text(
         "def test_it(woosh_agent, simulated_chassis):\n"
         "    import os\n"
@@ -104,12 +99,6 @@ def test_marks_configure_the_fixtures(tmp_path: Path) -> None:
     assert "woosh_chassis takes keyword arguments only: (4,)" in said
 
 
-@pytest.fixture(params=[False, True], ids=["in process", "process"])
-def agent(request: pytest.FixtureRequest) -> Iterator[RunningAgent]:
-    with running_chassis() as chassis, running_agent(chassis, process=request.param) as agent:
-        yield agent
-
-
 @contextlib.contextmanager
 def ros_node() -> Iterator[Any]:
     rclpy.init()
@@ -119,26 +108,21 @@ def ros_node() -> Iterator[Any]:
         rclpy.shutdown()
 
 
-def test_a_node_of_the_test_can_call_the_agent(agent: RunningAgent) -> None:
-    with ros_node() as node:
+@pytest.mark.parametrize("process", [False, True])
+def test_a_node_of_the_test_can_call_the_agent_which_connects_again(process: bool) -> None:
+    with (
+        running_chassis() as chassis,
+        running_agent(chassis, process=process) as agent,
+        ros_node() as node,
+    ):
         client = node.create_client(PoseSpeed, f"{agent.namespace}/robot/PoseSpeed")
         wait_until(client.service_is_ready, "the service")
         with spinning(node):
             answer = client.call_async(PoseSpeed.Request())
             wait_until(answer.done, "the answer")
         assert answer.result().info.pose.x == pytest.approx(4.23, abs=0.1)
-
-
-@pytest.mark.parametrize("process", [False, True])
-def test_an_agent_connects_again(process: bool) -> None:
-    with running_chassis() as chassis, running_agent(chassis, process=process) as agent:
         chassis.drop()
         agent.wait_connected(2)
-
-
-def test_an_agent_connects_over_tcp() -> None:
-    with running_chassis() as chassis, running_agent(chassis, transport="tcp"):
-        assert chassis.connections == 1
 
 
 @pytest.mark.parametrize("process", [False, True])
@@ -151,21 +135,18 @@ def test_the_error_of_an_agent_that_cannot_start_reaches_the_test(process: bool)
         pass
 
 
-@pytest.mark.parametrize(("options", "name"), [({}, "instant"), ({"profile": "tr200"}, "tr200")])
-def test_chassis_answers_without_delay_by_default(options: dict[str, str], name: str) -> None:
-    with running_chassis(**options) as chassis:
-        assert chassis.call(lambda simulator: simulator.chassis.profile.name) == name
-
-
 def test_two_robots_can_share_a_domain() -> None:
+    """One of them connects over TCP. Chassis answer without delay by default."""
     with (
         own_domain() as domain,
         running_chassis(robot_id=1) as one,
-        running_chassis(robot_id=2) as two,
-        running_agent(one, domain=domain, namespace="/one"),
+        running_chassis(robot_id=2, profile="tr200") as two,
+        running_agent(one, domain=domain, namespace="/one", transport="tcp"),
         running_agent(two, domain=domain, namespace="/two"),
     ):
         assert (one.connections, two.connections) == (1, 1)
+        profiles = [each.call(lambda inner: inner.chassis.profile.name) for each in (one, two)]
+        assert profiles == ["instant", "tr200"]
 
 
 def test_domains_differ_and_the_environment_is_restored(monkeypatch: Any) -> None:

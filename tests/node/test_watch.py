@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from tests.harness import HUMBLE, Client, Collector, Program, RunningAgent, wait_until
+from tests.harness import HUMBLE, Client, Collector, Program, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.test_states import diagnostics, values
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
@@ -52,25 +52,20 @@ def publish(domain: int) -> Iterator[Callable[[str, float], Sender]]:
         yield start
 
 
-def test_who_drives_is_shown(simulator, agent, client, arrays, publish):
+def test_who_drives_is_shown_and_two_at_the_same_time_are_a_warning(
+    simulator, agent, client, arrays, publish, logs
+):
     assert find(arrays.wait_count(1)[0], "motion").message == "nobody"
     joystick = publish("joystick", 0.1)
     status = wait_message(arrays, "motion", "cmd_vel")
     assert values(status)["driver"] == "cmd_vel"
     assert status.level == DiagnosticStatus.OK
-    joystick.pause()
-    wait_until(lambda: find(arrays.messages[-1], "motion").message == "nobody")
-
-
-def test_cmd_vel_and_the_service_at_the_same_time_are_a_warning(
-    simulator, agent, client, arrays, publish, logs
-):
-    publish("joystick", 0.1)
-    wait_message(arrays, "motion", "cmd_vel")
     assert client.call(Twist, "robot/Twist", arg=TwistMsg(linear=0.2)).ok
     status = wait_message(arrays, "motion", "cmd_vel and robot/Twist command velocities")
     assert status.level == WARN
     logs.wait_text("cmd_vel and robot/Twist command")
+    joystick.pause()
+    wait_until(lambda: find(arrays.messages[-1], "motion").message == "nobody")
 
 
 @pytest.mark.skipif(HUMBLE, reason="rclpy of Humble does not tell the numbers of messages")
@@ -116,7 +111,10 @@ def test_a_velocity_that_moves_nothing_is_a_warning_until_the_robot_moves(
     wait_until(lambda: find(arrays.messages[-1], "motion").level == DiagnosticStatus.OK)
 
 
-def test_a_code_without_a_text_gets_its_meaning(simulator, agent, client, arrays, logs):
+def test_a_code_gets_its_meaning_and_a_pose_without_a_map_a_warning(
+    simulator, agent, client, arrays, logs
+):
+    assert values(find(arrays.wait_count(1)[0], "chassis"))["map id"] == "3"
     codes = [StatusCode(code=110201000013, level=StatusCode.kFault)]
     codes.append(StatusCode(code=110301000042, level=StatusCode.kWarn, msg="左电机过热"))
     simulator.push(AbnormalCodes(scs=codes))
@@ -127,10 +125,6 @@ def test_a_code_without_a_text_gets_its_meaning(simulator, agent, client, arrays
     assert wait_message(arrays, "abnormal codes", *texts).level == ERROR
     for text in texts:
         logs.wait_text(text)
-
-
-def test_a_pose_without_a_map_is_a_warning(simulator, agent, client, arrays):
-    assert values(find(arrays.wait_count(1)[0], "chassis"))["map id"] == "3"
     simulator.push(PoseSpeed(map_id=0))
     assert wait_message(arrays, "chassis", "the pose may mean nothing").level == WARN
 
@@ -144,30 +138,23 @@ def test_a_clock_that_is_off_is_a_warning(simulator, agent, arrays):
     assert abs(stamp - time.time()) < abs(offset) / 2
 
 
-class TestSecondAgent:
-    def test_it_is_named_until_it_ends(
-        self, simulator, agent: RunningAgent, client, arrays, start_program, logs
-    ):
-        assert find(arrays.wait_count(1)[0], "agents").message == "OK"
-        for _ in range(2):  # it is logged again when it comes back
-            logs.messages.clear()
-            program: Program = start_program(ip="127.0.0.1", port=simulator.port)
-            told = wait_message(
-                arrays,
-                "agents",
-                "another agent runs",
-                "node /woosh_robot/agent. Both",
-                "observe_only",
-            )
-            assert told.level == WARN
-            logs.wait_text("node /woosh_robot/agent")
-            program.end()
-            arrays.messages.clear()
-            arrays.wait(lambda a: find(a, "agents").message == "OK")
-
-    def test_another_node_with_the_same_services_is_named(self, agent, arrays, domain):
+def test_a_second_agent_is_named_until_it_ends(
+    simulator, agent, client, arrays, start_program, logs, domain
+):
+    assert find(arrays.wait_count(1)[0], "agents").message == "OK"
+    program: Program = start_program(ip="127.0.0.1", port=simulator.port)
+    texts = ("another agent runs", "node /woosh_robot/agent. Both", "observe_only")
+    assert wait_message(arrays, "agents", *texts).level == WARN
+    logs.wait_text("node /woosh_robot/agent")
+    program.end()
+    for _ in range(2):  # another node with the same services; logged again when it comes back
+        wait_until(lambda: find(arrays.messages[-1], "agents").message == "OK", "its end")
+        logs.messages.clear()
         with closing(Client(domain, name="impostor")) as other:
             name = other.path("robot/RobotInfo")
             other.node.create_service(RobotInfo, name, lambda _, response: response)
-            wait_message(arrays, "agents", "node /impostor")
-        wait_until(lambda: find(arrays.messages[-1], "agents").message == "OK")
+            logs.wait_text("node /impostor")
+            wait_until(
+                lambda: "node /impostor" in find(arrays.messages[-1], "agents").message,
+                "the warning",
+            )

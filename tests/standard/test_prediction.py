@@ -44,13 +44,6 @@ CASES = [
     ),
     Case("along an arc", [(0.0, Pose2D(), ROUND)], 0.3, on_circle(0.3), ROUND),
     Case(
-        "backwards along an arc",
-        [(0.0, on_circle(0.3), Velocity(-0.5, 0.0, -1.0))],
-        0.3,
-        Pose2D(),
-        Velocity(-0.5, 0.0, -1.0),
-    ),
-    Case(
         "turning on the spot over the end of the range of angles",
         [(0.0, Pose2D(1.0, 0.0, math.pi - 0.1), Velocity(0.0, 0.0, 1.0))],
         0.2,
@@ -70,13 +63,6 @@ CASES = [
         1e6,
         Pose2D(1, 2, 3),
         STANDSTILL,
-    ),
-    Case(
-        "at constant speed",
-        [(0.0, Pose2D(), Velocity(0.5)), (0.2, Pose2D(0.1), Velocity(0.5))],
-        0.4,
-        Pose2D(0.2),
-        Velocity(0.5),
     ),
     Case(
         "slowing down at 1 m/s²",
@@ -169,20 +155,6 @@ def test_a_report_that_confirms_the_prediction_changes_nothing() -> None:
         assert_near(prediction.predict(time)[0], on_circle(time))
 
 
-def test_reports_that_confirm_a_deceleration_change_nothing() -> None:
-    prediction = Prediction()
-    for time in (0.0, 0.15, 0.3):
-        speed = max(0.0, 0.5 - time)
-        prediction.report(Pose2D((0.25 - speed * speed) / 2), Velocity(speed), time)
-        if time == 0.0:
-            continue
-        for later in (0.0, 0.05, 0.1):
-            speed = max(0.0, 0.5 - time - later)
-            pose, velocity = prediction.predict(time + later)
-            assert pose.x == pytest.approx((0.25 - speed * speed) / 2)
-            assert velocity.forward == pytest.approx(speed)
-
-
 def test_the_error_of_a_prediction_disappears_within_the_blend() -> None:
     """The robot was predicted 5 cm and 0.1 rad too far: the pose returns in small steps."""
     prediction = Prediction()
@@ -209,29 +181,6 @@ def test_the_shorter_way_is_taken_when_a_heading_is_corrected() -> None:
         assert abs(prediction.predict(0.1 + 0.01 * step)[0].theta) >= math.pi - 0.0101
 
 
-def test_the_velocity_is_not_changed_by_a_correction() -> None:
-    prediction = Prediction()
-    prediction.report(Pose2D(), Velocity(0.5), 0.0)
-    prediction.predict(0.2)
-    prediction.report(Pose2D(0.05), Velocity(0.5), 0.2)
-    for step in range(8):
-        assert prediction.predict(0.2 + 0.05 * step)[1] == Velocity(0.5)
-
-
-def test_after_the_blend_pose_and_velocity_fit() -> None:
-    prediction = Prediction()
-    prediction.report(Pose2D(), ROUND, 0.0)
-    prediction.predict(0.2)
-    prediction.report(Pose2D(0.05, 0.02, 0.1), ROUND, 0.2)
-    prediction.predict(0.25)
-    one, velocity = prediction.predict(0.36)
-    other, _ = prediction.predict(0.41)
-    forward, left, turn = other.seen_from(one).arc
-    assert (forward, left, turn) == pytest.approx(
-        (velocity.forward * 0.05, 0.0, velocity.turn * 0.05), abs=1e-9
-    )
-
-
 PUBLISHED = 0.05
 """Time between two messages, in seconds."""
 
@@ -243,7 +192,7 @@ def predict_until(prediction: Prediction, begin: float, end: float) -> list[Pose
     return [prediction.predict(time)[0] for time in times if prediction.can_predict(time)]
 
 
-@pytest.mark.parametrize("late", [0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 1.0])
+@pytest.mark.parametrize("late", [0.3, 0.4, 0.5, 1.0])
 @pytest.mark.parametrize(
     ("velocity", "end"),
     [(Velocity(0.5), Pose2D(0.05)), (Velocity(0.0, 0.0, 1.0), Pose2D(0.0, 0.0, 0.05))],
@@ -322,13 +271,6 @@ def test_a_late_report_is_predicted_from_the_time_at_which_it_was_true() -> None
     prediction.predict(0.28)
     prediction.report(Pose2D(0.1), Velocity(0.5), 0.2)  # received at 0.28
     assert_near(prediction.predict(0.29)[0], Pose2D(0.145))
-
-
-def test_several_reports_between_two_predictions() -> None:
-    prediction = Prediction()
-    for step in range(10):
-        prediction.report(Pose2D(0.005 * step), Velocity(0.5), 0.01 * step)
-    assert_near(prediction.predict(0.1)[0], Pose2D(0.05))
 
 
 def test_the_last_pose_is_the_newer_one_of_report_and_prediction() -> None:

@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.exceptions import ParameterException
 
-from tests.harness import Program
+from tests.harness import NAMESPACE, Program
 from tests.node.fleet.robots import logger_of, write_parameters
-from woosh_robot_agent.ros.fleet import namespaces
+from woosh_robot_agent.ros.fleet import Fleet, namespaces
+from woosh_robot_agent.ros.releases import error_text
 from woosh_robot_agent.simulator import SimulatorThread
 
 A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))
@@ -31,45 +35,46 @@ A, B = ({"ip": "127.0.0.1", "port": port} for port in (1, 2))
         ("/a", {}, {}, ["robots"]),
     ],
 )
-def test_an_invalid_list_ends_the_program_with_one_line(
-    start_program: Callable[..., Program],
+def test_an_invalid_list_is_refused(
+    domain: int,
     tmp_path: Path,
     robots: Any,
     common: dict[str, Any],
     own: dict[str, Any],
     complaints: list[str],
 ) -> None:
-    program = start_program("--params-file", str(write_parameters(tmp_path, robots, common, **own)))
-    said = program.wait_refused()
-    assert program.process.returncode == 2
-    assert len(said.strip().splitlines()) == 1, said
+    file = write_parameters(tmp_path, robots, common, **own)
+    context = Context()
+    arguments = ["--ros-args", "-r", f"__ns:={NAMESPACE}", "--params-file", str(file)]
+    rclpy.init(args=arguments, context=context, domain_id=domain)
+    try:
+        with pytest.raises((ValueError, ParameterException)) as caught:
+            Fleet(context=context)
+    finally:
+        rclpy.try_shutdown(context=context)
+    said = error_text(caught.value)
     for complaint in complaints:
         assert complaint in said
 
 
-@pytest.mark.parametrize("robots", [[], [""]])
+def test_an_invalid_list_ends_the_program_with_one_line(
+    start_program: Callable[..., Program], tmp_path: Path
+) -> None:
+    program = start_program("--params-file", str(write_parameters(tmp_path, ["/a", ""], {})))
+    said = program.wait_refused()
+    assert program.process.returncode == 2
+    assert len(said.strip().splitlines()) == 1, said
+
+
 def test_an_empty_list_means_one_robot(
     start_program: Callable[..., Program],
     tmp_path: Path,
     chassis: dict[str, SimulatorThread],
-    robots: list[str],
 ) -> None:
     port = chassis["/r1"].port
-    file = write_parameters(tmp_path, robots, {"ip": "127.0.0.1", "port": port})
+    file = write_parameters(tmp_path, [""], {"ip": "127.0.0.1", "port": port})
     program = start_program("--params-file", str(file))
     program.wait_says(f"{logger_of('/woosh_robot')}]: connected to")
-
-
-def test_robots_behind_one_gateway_differ_by_robot_id(
-    start_program: Callable[..., Program], tmp_path: Path, chassis: dict[str, SimulatorThread]
-) -> None:
-    one = {"ip": "127.0.0.1", "port": chassis["/r1"].port}
-    own = {"/a": {"robot_id": 0}, "/b": {"robot_id": 30001}}
-    program = start_program(
-        "--params-file", str(write_parameters(tmp_path, ["/a", "/b"], one, **own))
-    )
-    for name in own:
-        program.wait_says(f"{logger_of(name)}]: connected to")
 
 
 def test_robot_names_may_be_relative_or_absolute() -> None:
@@ -82,10 +87,12 @@ def test_the_example_file_works(
     tmp_path: Path,
     chassis: dict[str, SimulatorThread],
 ) -> None:
-    """config/robots.yaml with the ports of the simulated chassis."""
+    """config/robots.yaml with two robots behind one gateway, which differ by their `robot_id`."""
     text = (Path(__file__).parents[3] / "config/robots.yaml").read_text()
-    for wanted, simulator in zip(("5480", "5490"), chassis.values(), strict=True):
-        text, found = re.subn(rf"\bport: {wanted}\b", f"port: {simulator.port}", text)
+    gateway = f"port: {chassis['/r1'].port}"
+    for wanted, robot_id in (("5480", 0), ("5490", 30001)):
+        new = f"{gateway}\n    robot_id: {robot_id}"
+        text, found = re.subn(rf"\bport: {wanted}\b", new, text)
         assert found == 1
     file = tmp_path / "robots.yaml"
     file.write_text(text)

@@ -47,13 +47,10 @@ def moved(robot: Robot) -> tuple[float, float]:
     return cos * (here.x - x) + sin * (here.y - y), turned
 
 
-def test_a_spin_by_nothing_succeeds_at_once(robot: Robot) -> None:
-    assert Nav2Client(robot, "spin", target_yaw=0.0).result()[0] == SUCCEEDED
-    assert robot.chassis.counts["woosh.ros.CallAction"] == 0
-
-
-@pytest.mark.parametrize("angle", [1.5, -0.7, 4.0])
+@pytest.mark.parametrize("angle", [-0.7, 4.0])
 def test_spin(robot: Robot, angle: float) -> None:
+    assert Nav2Client(robot, "spin", target_yaw=0.0).result()[0] == SUCCEEDED
+    assert robot.chassis.counts["woosh.ros.CallAction"] == 0, "nothing to do"
     goal = Nav2Client(robot, "spin", target_yaw=angle)
     status, result = goal.result()
     assert (status, error_code(result)) == (SUCCEEDED, 0)
@@ -69,7 +66,6 @@ def test_spin(robot: Robot, angle: float) -> None:
     [
         ("backup", 0.2, 0.1, -0.2),
         ("backup", -0.2, -0.1, -0.2),
-        ("drive_on_heading", 0.3, 0.2, 0.3),
         ("drive_on_heading", -0.3, -0.2, -0.3),
     ],
 )
@@ -85,9 +81,8 @@ def test_straight_moves(
     assert last_step(robot).avoid == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "target", "speed"),
-    [
+def test_moves_that_are_not_possible(robot: Robot) -> None:
+    for name, target, speed in (
         ("drive_on_heading", Point(x=0.3), -0.2),
         ("drive_on_heading", Point(x=0.3, y=0.1), 0.2),
         ("backup", Point(x=0.3, z=0.1), 0.2),
@@ -95,10 +90,8 @@ def test_straight_moves(
         ("backup", Point(x=0.3), math.nan),
         ("backup", Point(x=0.3), 0.0),
         ("backup", Point(x=1e39), 0.2),  # infinite in the robot's 32 bits
-    ],
-)
-def test_moves_that_are_not_possible(robot: Robot, name: str, target: Point, speed: float) -> None:
-    Nav2Client(robot, name, target=target, speed=speed).wait_aborted(code="INVALID_INPUT")
+    ):
+        Nav2Client(robot, name, target=target, speed=speed).wait_aborted(code="INVALID_INPUT")
     assert robot.chassis.counts["woosh.ros.CallAction"] == 0
 
 
@@ -135,15 +128,6 @@ def test_a_move_is_cancelled(robot: Robot) -> None:
     goal.cancel()
     assert goal.result()[0] == CANCELED
     assert stands(robot.chassis)
-
-
-def test_a_new_move_stops_the_running_one(robot: Robot) -> None:
-    slow_down(robot.chassis)
-    first = Nav2Client(robot, "spin", target_yaw=50.0)
-    first.feedback.wait(lambda each: each.angular_distance_traveled > 0.1)
-    second = Nav2Client(robot, "spin", target_yaw=-0.2)
-    assert first.result()[0] == ABORTED
-    assert second.result()[0] == SUCCEEDED
 
 
 def test_an_obstacle_aborts_a_move(robot: Robot) -> None:
@@ -192,18 +176,8 @@ class TestAssistedTeleop:
 
         wait_until(drives, "the robot drives")
 
-    def test_it_drives_by_velocities_until_it_is_cancelled(
-        self, robot: Robot, velocities: Any
-    ) -> None:
-        goal = Nav2Client(robot, "assisted_teleop")
-        self.drive(velocities, robot)
-        goal.feedback.wait(lambda each: each.current_teleop_duration.nanosec)
-        goal.cancel()
-        assert goal.result()[0] == CANCELED
-        assert stands(robot.chassis)
-
     @pytest.mark.parametrize("axis", ["x", "y"])
-    def test_it_ends_only_when_a_robot_that_rolls_on_stands(
+    def test_a_cancel_ends_it_only_when_a_robot_that_rolls_on_stands(
         self, robot: Robot, velocities: Any, axis: str
     ) -> None:
         """PoseSpeed has no sideways speed, so only the poses tell of that."""
@@ -217,6 +191,7 @@ class TestAssistedTeleop:
         goal = Nav2Client(robot, "assisted_teleop")
         self.drive(velocities, robot, axis)
         poses.wait_count(len(poses.messages) + 2)
+        goal.feedback.wait(lambda each: each.current_teleop_duration.nanosec)
         goal.cancel()
         assert goal.result()[0] == CANCELED
         assert stands(robot.chassis)
@@ -229,11 +204,9 @@ class TestAssistedTeleop:
         assert Nav2Client(robot, "wait").result()[0] == SUCCEEDED
         assert ChassisTwist.DESCRIPTOR.full_name not in robot.chassis.counts
 
-    def test_the_time_allowance_ends_it(self, robot: Robot) -> None:
+    def test_the_time_allowance_or_preempt_teleop_ends_it(self, robot: Robot) -> None:
         goal = Nav2Client(robot, "assisted_teleop", time_allowance=Duration(nanosec=200_000_000))
         goal.wait_aborted(code="TIMEOUT")
-
-    def test_preempt_teleop_ends_it_with_success(self, robot: Robot) -> None:
         preempt = robot.publisher(Empty, "preempt_teleop")
         goal = Nav2Client(robot, "assisted_teleop")
         goal.feedback.wait(lambda _: True)
@@ -243,25 +216,25 @@ class TestAssistedTeleop:
     @pytest.mark.parametrize(
         ("prevent", "reason"),
         [
-            (lambda robot: PREVENTIONS["emergency stop"][0](robot.chassis), "emergency"),
             (lambda robot: PREVENTIONS["key switch"][0](robot.chassis), "manual"),
             (lambda robot: robot.chassis.inject("off"), "no link"),
-            (lambda robot: robot.call(Trigger, "stop"), "service stop"),
             (lambda robot: change(robot, observe_only=True), "only observes"),
         ],
-        ids=["emergency stop", "key switch", "link", "stop", "observe_only"],
+        ids=["key switch", "link", "observe_only"],
     )
     def test_it_ends_when_something_stops_the_robot(
-        self, robot: Robot, velocities: Any, prevent: Callable[[Robot], object], reason: str
+        self, own_robot: Robot, prevent: Callable[[Robot], object], reason: str
     ) -> None:
-        goal = Nav2Client(robot, "assisted_teleop")
-        self.drive(velocities, robot)
-        prevent(robot)
+        goal = Nav2Client(own_robot, "assisted_teleop")
+        self.drive(own_robot.publisher(Twist, "cmd_vel_teleop"), own_robot)
+        prevent(own_robot)
         goal.wait_aborted(reason, code="UNKNOWN")
 
     def test_after_a_stop_the_same_stream_drives_no_new_goal(
-        self, robot: Robot, velocities: Any, logs: Logs
+        self, own_robot: Robot, logs: Logs
     ) -> None:
+        robot = own_robot
+        velocities = robot.publisher(Twist, "cmd_vel_teleop")
         velocity = Twist()
         velocity.linear.x = 0.3
         robot.node.create_timer(0.05, lambda: velocities.publish(velocity))
@@ -276,8 +249,10 @@ class TestAssistedTeleop:
         logs.wait_text("cmd_vel_teleop is ignored: the robot was stopped; send a zero")
 
     def test_the_end_of_the_agent_does_not_wait_until_the_robot_stands(
-        self, robot: Robot, velocities: Any, logs: Logs
+        self, own_robot: Robot, logs: Logs
     ) -> None:
+        robot = own_robot
+        velocities = robot.publisher(Twist, "cmd_vel_teleop")
         poses = robot.echo(PoseSpeed, "robot/PoseSpeed")
         goal = Nav2Client(robot, "assisted_teleop")
         self.drive(velocities, robot)

@@ -110,12 +110,12 @@ def test_docking_is_cancelled_though_the_chassis_does_not_answer(robot: Robot) -
     assert ExecTask.DESCRIPTOR.full_name not in robot.chassis.counts
 
 
-@pytest.mark.parametrize("prevention", PREVENTIONS)
-def test_docking_ends_when_something_stops_the_robot(robot: Robot, prevention: str) -> None:
-    prevent, permit = PREVENTIONS[prevention]
+def test_docking_ends_when_something_stops_the_robot(robot: Robot) -> None:
+    """test_navigation.py has everything that may stop it."""
+    prevent, permit = PREVENTIONS["localisation"]
     goal = docking(robot)
     prevent(robot.chassis)
-    assert not goal.wait_aborted(prevention).success
+    assert not goal.wait_aborted("localisation").success
     permit(robot.chassis)
     wait_until(
         lambda: not robot.chassis.call(lambda sim: sim.chassis.tasks.active), "the task ends"
@@ -143,8 +143,9 @@ def test_docking_that_something_stops_is_cancelled_once(robot: Robot, cancelled:
 
 
 def test_docking_that_a_stop_did_not_end_is_cancelled_when_something_stops_the_robot(
-    robot: Robot,
+    own_robot: Robot,
 ) -> None:
+    robot = own_robot
     goal = docking(robot)
     refusal = robot.chassis.inject("refuse", type=ACTION_ORDER)
     assert robot.call(Trigger, "stop").success  # its zero only pauses the task
@@ -157,13 +158,20 @@ def test_docking_that_a_stop_did_not_end_is_cancelled_when_something_stops_the_r
     )
 
 
-def test_a_robot_that_charges_is_docked(robot: Robot, logs: Logs) -> None:
+def test_a_robot_that_charges_is_docked_and_a_refusal_is_explained(
+    robot: Robot, logs: Logs
+) -> None:
     for _ in range(2):
         goal = Nav2Client(robot, "dock_robot", navigate_to_staging_pose=False)
         status, result = goal.result()
         assert (status, result.success) == (SUCCEEDED, True)
     assert robot.chassis.counts[ExecTask.DESCRIPTOR.full_name] == 1
     assert len(logs.with_text("navigate_to_staging_pose has no effect")) == 1
+    robot.chassis.set_emergency_stop(True)
+    for name in ("dock_robot", "undock_robot"):
+        result = Nav2Client(robot, name).wait_aborted("emergency stop")
+        assert not result.success
+        assert result.error_code != 0
 
 
 def test_undocking_is_cancelled(robot: Robot) -> None:
@@ -209,12 +217,3 @@ def test_a_robot_that_charges_no_more_is_undocked(robot: Robot) -> None:
     robot.chassis.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kNot))
     assert Nav2Client(robot, "undock_robot").result()[0] == SUCCEEDED
     assert robot.chassis.call(lambda sim: sim.chassis.charger) is None
-
-
-def test_a_refusal_is_explained(robot: Robot) -> None:
-    assert Nav2Client(robot, "dock_robot").result()[0] == SUCCEEDED
-    robot.chassis.set_emergency_stop(True)
-    for name in ("dock_robot", "undock_robot"):
-        result = Nav2Client(robot, name).wait_aborted("emergency stop")
-        assert not result.success
-        assert result.error_code != 0

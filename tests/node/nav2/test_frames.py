@@ -39,6 +39,12 @@ def transform(
 
 
 @pytest.fixture
+def robot(own_robot: Robot) -> Robot:
+    """An agent keeps the transforms that it has received, so each test has its own."""
+    return own_robot
+
+
+@pytest.fixture
 def static(robot: Robot) -> Callable[..., None]:
     """Function that publishes transforms on /tf_static."""
     message = class_of("tf2_msgs/TFMessage")
@@ -67,19 +73,13 @@ def near(*numbers: float) -> Any:
 
 
 class TestFrames:
-    def test_the_robots_own_frame(self, robot: Robot) -> None:
-        assert go(robot, pose(0.5, 0.0, 0.3, "base_link")).result()[0] == SUCCEEDED
-        assert target(robot) == near(0.5, 0.0, 0.3)
-
-    def test_the_frame_of_the_odometry(self, robot: Robot) -> None:
-        """Its origin is where the robot was first."""
-        for x in (0.5, 0.2):
-            assert go(robot, pose(x, 0.0, frame="odom")).result()[0] == SUCCEEDED
-            assert target(robot) == near(x, 0.0, 0.0)
-
-    def test_a_slash_before_a_name_is_ignored(self, robot: Robot) -> None:
-        assert go(robot, ahead(0.5, "/map")).result()[0] == SUCCEEDED
-        assert target(robot) == near(0.5, 0.0, 0.0)
+    def test_the_frames_of_the_robot(self, robot: Robot) -> None:
+        """The origin of odom is where the robot was first."""
+        for there in (pose(0.5, 0.0, 0.3, "base_link"), pose(0.5, 0.0, 0.3, "odom")):
+            assert go(robot, there).result()[0] == SUCCEEDED
+            assert target(robot) == near(0.5, 0.0, 0.3)
+        assert go(robot, ahead(0.2, "/map")).result()[0] == SUCCEEDED
+        assert target(robot) == near(0.2, 0.0, 0.0), "the slash is ignored"
 
     def test_a_chain_on_tf(self, robot: Robot, static: Callable[..., None]) -> None:
         """A camera on a mast: its optical axis z looks ahead, x to the right."""
@@ -109,19 +109,15 @@ class TestFrames:
         assert go(robot, there).result()[0] == SUCCEEDED
         assert target(robot) == near(0.0, 0.0, 0.0)
 
-    @pytest.mark.parametrize(
-        ("frame", "text"), [("nowhere", "the frame nowhere with"), ("shelf", "world, which is")]
-    )
-    def test_an_unknown_frame_is_refused(
-        self, robot: Robot, logs: Logs, static: Any, frame: str, text: str
-    ) -> None:
+    def test_an_unknown_frame_is_refused(self, robot: Robot, logs: Logs, static: Any) -> None:
         static(transform("world", "shelf"))
-        goal = Nav2Client(robot, "follow_waypoints", poses=[ahead(1.0), ahead(1.0, frame)])
-        refusal = goal.refusal(logs)
-        assert text in refusal
-        assert "pose 1 of 2" in refusal
-        path = Nav2Client(robot, "compute_path_to_pose", goal=ahead(1.0, frame))
-        assert text in path.refusal(logs)
+        for frame, text in (("nowhere", "the frame nowhere with"), ("shelf", "world, which is")):
+            goal = Nav2Client(robot, "follow_waypoints", poses=[ahead(1.0), ahead(1.0, frame)])
+            refusal = goal.refusal(logs)
+            assert text in refusal
+            assert "pose 1 of 2" in refusal
+            path = Nav2Client(robot, "compute_path_to_pose", goal=ahead(1.0, frame))
+            assert text in path.refusal(logs)
         assert robot.chassis.counts["woosh.ros.CallAction"] == 0
 
     def test_a_pose_that_only_its_frame_makes_too_large_is_refused(

@@ -10,7 +10,7 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 from std_srvs.srv import Trigger
 
-from tests.harness import HUMBLE, Client, Program, RunningAgent, wait_until
+from tests.harness import HUMBLE, Client, RunningAgent, wait_until
 from tests.node.goals import slow_down
 from tests.node.nav2.goals import Nav2Client, go
 from woosh_robot_agent.ros.standard_endpoints import NAV2, Kind
@@ -103,15 +103,3 @@ def test_a_lost_link_aborts_a_goal(
     simulator.inject("off")
     assert not client.call(Trigger, "stop").success
     goal.wait_aborted("the link was lost", "the robot may still be executing it")
-
-
-def test_a_program_with_it_ends_cleanly(
-    client: Client, simulator: SimulatorThread, start_program: Callable[..., Program]
-) -> None:
-    program = start_program(ip="127.0.0.1", port=simulator.port, nav2=True)
-    program.wait_says("connected to")
-    slow_down(simulator)
-    goal = go(client, 5.0)
-    goal.feedback.wait(lambda _: True)
-    program.end()
-    goal.wait_aborted("stopping")

@@ -45,6 +45,7 @@ def test_a_path_from_the_robot_to_a_pose(robot: Robot) -> None:
 
 
 def test_a_path_from_another_pose(robot: Robot, logs: Logs) -> None:
+    robot.chassis.answer_as(PLAN, PLAN)  # an answer of the type of the request
     goal = Nav2Client(
         robot,
         "compute_path_to_pose",
@@ -78,13 +79,6 @@ def test_without_a_path_the_reason_is_told(robot: Robot) -> None:
             "to (1000.00, 1000.00): choose a goal on free floor", code="NO_VALID_PATH"
         )
     through_poses(robot, []).wait_aborted(code="NO_VIAPOINTS_GIVEN")
-
-
-def test_an_answer_of_the_type_of_the_request_is_read(robot: Robot) -> None:
-    robot.chassis.answer_as(PLAN, PLAN)
-    status, result = Nav2Client(robot, "compute_path_to_pose", goal=ahead(3.0)).result()
-    assert status == SUCCEEDED
-    assert length(result.path) == pytest.approx(3.0, abs=0.1)
 
 
 def test_a_new_goal_replaces_the_running_one_and_a_cancel_ends_it(robot: Robot) -> None:

@@ -10,13 +10,12 @@ import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.srv import GetState
 from nav_msgs.srv import GetMap
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from tests.harness import Logs, Robot, wait_until
 from tests.node.goals import START, hurry, move_base, slow_down, stop_time, task
 from tests.node.nav2.goals import SUCCEEDED, go, stands
+from tests.node.test_parameters import change
 from woosh_map_msgs.srv import SceneList
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, SwitchMap
@@ -44,20 +43,19 @@ def is_active(robot: Robot, manager: str) -> bool:
 
 
 class TestLifecycle:
-    def test_a_robot_that_accepts_tasks_is_active(self, robot: Robot) -> None:
+    def test_states_of_nodes_and_managers(self, robot: Robot) -> None:
         assert [state(robot, node) for node in ("bt_navigator", "amcl")] == ["active"] * 2
         assert [is_active(robot, manager) for manager in MANAGERS] == [True] * 2
-
-    def test_a_robot_that_executes_a_task_is_active(self, robot: Robot) -> None:
         slow_down(robot.chassis)
         running = task(robot)
         running.feedback.wait(lambda _: True)
-        assert state(robot, "bt_navigator") == "active"
-
-    def test_a_robot_that_accepts_no_tasks_is_not(self, robot: Robot) -> None:
+        assert state(robot, "bt_navigator") == "active", "also while it executes a task"
         robot.chassis.set_emergency_stop(True)
         wait_until(lambda: state(robot, "bt_navigator") == "inactive", "the state")
         assert not is_active(robot, MANAGERS[0])
+        robot.chassis.inject("off")
+        wait_until(lambda: state(robot, "amcl") == "inactive", "the state without a link")
+        assert state(robot, "bt_navigator") == "inactive"
 
     def test_amcl_is_active_while_the_robot_is_lost(self, robot: Robot) -> None:
         """Clients set the pose only after that."""
@@ -65,56 +63,43 @@ class TestLifecycle:
         wait_until(lambda: state(robot, "bt_navigator") == "inactive", "the state")
         assert state(robot, "amcl") == "active"
 
-    def test_without_a_link_nothing_is_active(self, robot: Robot) -> None:
-        robot.chassis.inject("off")
-        wait_until(lambda: state(robot, "amcl") == "inactive", "the state")
-        assert state(robot, "bt_navigator") == "inactive"
-
-    @pytest.mark.parametrize(
-        ("command", "success"),
-        [
-            ("STARTUP", True),
-            ("RESUME", True),
-            ("PAUSE", False),
-            ("RESET", False),
-            ("SHUTDOWN", False),
-        ],
-    )
-    def test_managers_answer_what_is_true(
-        self, robot: Robot, logs: Logs, command: str, success: bool
-    ) -> None:
+    def test_managers_answer_what_is_true(self, robot: Robot, logs: Logs) -> None:
         manage = class_of("nav2_msgs/ManageLifecycleNodes", "srv")
-        number = getattr(manage.Request, command)
-        for manager in MANAGERS:
-            answer = robot.call(manage, f"{manager}/manage_nodes", command=number)
-            assert answer.success is success
-        told = bool(logs.with_text("is not possible"))
-        assert told is not success
+
+        def success(command: str) -> set[bool]:
+            number = getattr(manage.Request, command)
+            answers = [
+                robot.call(manage, f"{each}/manage_nodes", command=number) for each in MANAGERS
+            ]
+            return {answer.success for answer in answers}
+
+        assert success("STARTUP") == success("RESUME") == {True}
+        assert not logs.with_text("is not possible")
+        assert success("PAUSE") == success("RESET") == success("SHUTDOWN") == {False}
+        assert logs.with_text("is not possible")
 
 
 class TestMapServer:
     def load(self, robot: Robot, url: str) -> Any:
         return robot.call(class_of("nav2_msgs/LoadMap", "srv"), "map_server/load_map", map_url=url)
 
-    @pytest.fixture
-    def other(self, robot: Robot) -> str:
-        """Name of a map that the robot has, and does not use."""
-        current = robot.chassis.state.info.scene.map_name
-        scenes = robot.call(SceneList, "map/SceneList").info.scenes
-        return next(name for scene in scenes for name in scene.maps if name != current)
-
-    def test_the_map_that_the_robot_uses(self, robot: Robot) -> None:
+    def test_another_map_is_loaded_by_the_name_of_its_file(self, robot: Robot) -> None:
         grid = robot.call(GetMap, "map_server/map").map
         assert grid.header.frame_id == "map"
         assert len(grid.data) == grid.info.width * grid.info.height > 0
-
-    def test_another_map_is_loaded_by_the_name_of_its_file(self, robot: Robot, other: str) -> None:
+        current = robot.chassis.state.info.scene.map_name
+        scenes = robot.call(SceneList, "map/SceneList").info.scenes
+        other = next(name for scene in scenes for name in scene.maps if name != current)
+        refusal = robot.chassis.inject("refuse", type=SwitchMap.DESCRIPTOR.full_name)
+        answer = self.load(robot, other)
+        assert answer.result == answer.RESULT_UNDEFINED_FAILURE
+        refusal.clear()
         answer = self.load(robot, f"/maps/{other}.yaml")
         assert answer.result == answer.RESULT_SUCCESS
         assert robot.chassis.state.info.scene.map_name == other
         assert answer.map.data == robot.call(GetMap, "map_server/map").map.data
         assert self.load(robot, other).result == answer.RESULT_SUCCESS
-        assert robot.chassis.counts[SwitchMap.DESCRIPTOR.full_name] == 1
+        assert robot.chassis.counts[SwitchMap.DESCRIPTOR.full_name] == 2, "it is loaded already"
 
     def test_there_is_no_such_map(self, robot: Robot, logs: Logs) -> None:
         answer = self.load(robot, "nowhere.yaml")
@@ -122,11 +107,6 @@ class TestMapServer:
         assert not answer.map.data
         logs.wait_text("the robot has no map nowhere")
         assert SwitchMap.DESCRIPTOR.full_name not in robot.chassis.counts
-
-    def test_the_chassis_refuses(self, robot: Robot, other: str) -> None:
-        robot.chassis.refuse(SwitchMap.DESCRIPTOR.full_name, "not now")
-        answer = self.load(robot, other)
-        assert answer.result == answer.RESULT_UNDEFINED_FAILURE
 
 
 def test_costmaps_are_cleared_without_an_effect(robot: Robot, logs: Logs) -> None:
@@ -137,27 +117,28 @@ def test_costmaps_are_cleared_without_an_effect(robot: Robot, logs: Logs) -> Non
     assert len(said) == 1
 
 
-class TestAmclPose:
-    def test_it_is_latched_and_follows_the_robot(self, robot: Robot) -> None:
-        poses = robot.echo(PoseWithCovarianceStamped, "amcl_pose", depth=1)
-        first = poses.wait(lambda _: True)
-        assert first.header.frame_id == "map"
-        assert first.pose.pose.position.x == pytest.approx(START[0], abs=0.01)
-        assert first.pose.covariance[0] > 0.0
-        assert go(robot, 1.0).result()[0] == SUCCEEDED
-        poses.wait(lambda each: each.pose.pose.position.x > START[0] + 0.7)
-
-    def test_it_comes_after_each_initialpose(self, robot: Robot) -> None:
-        poses = robot.echo(PoseWithCovarianceStamped, "amcl_pose", depth=10)
-        first = poses.wait(lambda _: True)
-        publisher = robot.publisher(PoseWithCovarianceStamped, "initialpose")
-        for count in (2, 3):  # also if it stays the same
-            publisher.publish(first)
-            again = poses.wait_count(count)[-1]
-            assert again.pose.pose.position.x == pytest.approx(START[0], abs=0.01)
+def test_amcl_pose_follows_the_robot_and_each_initialpose(own_robot: Robot) -> None:
+    robot = own_robot
+    poses = robot.echo(PoseWithCovarianceStamped, "amcl_pose", depth=10)
+    first = poses.wait(lambda _: True)
+    assert first.header.frame_id == "map"
+    assert first.pose.pose.position.x == pytest.approx(START[0], abs=0.01)
+    assert first.pose.covariance[0] > 0.0
+    publisher = robot.publisher(PoseWithCovarianceStamped, "initialpose")
+    for count in (2, 3):  # also if it stays the same
+        publisher.publish(first)
+        again = poses.wait_count(count)[-1]
+        assert again.pose.pose.position.x == pytest.approx(START[0], abs=0.01)
+    assert go(robot, 1.0).result()[0] == SUCCEEDED
+    poses.wait(lambda each: each.pose.pose.position.x > START[0] + 0.7)
 
 
 class TestSpeedLimit:
+    @pytest.fixture
+    def robot(self, own_robot: Robot) -> Robot:
+        """An agent keeps its limit, so each test has its own."""
+        return own_robot
+
     @pytest.fixture
     def limit(self, robot: Robot) -> Callable[..., None]:
         """Function that publishes a limit."""
@@ -174,7 +155,9 @@ class TestSpeedLimit:
         ]
         return [round(mode.max_speed, 3) for mode in modes]
 
-    def test_each_navigation_gets_it(self, robot: Robot, limit: Callable[..., None]) -> None:
+    def test_each_navigation_gets_it_until_it_is_taken_back(
+        self, robot: Robot, limit: Callable[..., None]
+    ) -> None:
         slow_down(robot.chassis)
         limit(speed_limit=0.3)
         for distance in (1.0, 0.5):
@@ -187,19 +170,8 @@ class TestSpeedLimit:
             slow_down(robot.chassis)
         assert set(self.sent(robot, CallAction)) == {0.3}
         assert len(self.sent(robot, CallAction)) >= 2
-
-    def test_a_percentage_is_one_of_the_highest_speed(
-        self, robot: Robot, limit: Callable[..., None]
-    ) -> None:
-        limit(percentage=True, speed_limit=40.0)
-        assert go(robot, 1.0).result()[0] == SUCCEEDED
-        assert set(self.sent(robot, CallAction)) == {0.4}
-
-    def test_it_is_taken_back(self, robot: Robot, limit: Callable[..., None]) -> None:
-        slow_down(robot.chassis)
-        limit(speed_limit=0.2)
         goal = go(robot, 3.0)
-        wait_until(lambda: self.sent(robot, CallAction), "the limit is sent")
+        wait_until(lambda: not stands(robot.chassis), "the robot drives")
         limit(speed_limit=0.0)
         wait_until(lambda: self.sent(robot, CallAction)[-1] == 0.0, "the limit is taken back")
         hurry(robot.chassis)
@@ -207,6 +179,22 @@ class TestSpeedLimit:
         before = len(self.sent(robot, CallAction))
         assert go(robot, 1.0).result()[0] == SUCCEEDED
         assert len(self.sent(robot, CallAction)) == before
+
+    def test_the_kinds_of_limits(self, robot: Robot, limit: Callable[..., None]) -> None:
+        """The chassis takes a limit as its speed, so a high one would make the robot faster."""
+
+        def last_sent(**fields: Any) -> float:
+            limit(**fields)
+            for distance in (0.5, 1.0):  # the first drive may begin before the limit comes
+                assert go(robot, distance).result()[0] == SUCCEEDED
+            return self.sent(robot, CallAction)[-1]
+
+        assert last_sent(percentage=True, speed_limit=40.0) == 0.4
+        assert last_sent(percentage=True, speed_limit=250.0) == 0.0, "no limit"
+        # that of cmd_vel says nothing about the speed of navigation
+        assert change(robot, cmd_vel_max_linear=0.2) == (True, "")
+        assert last_sent(speed_limit=0.5) == 0.5
+        assert last_sent(speed_limit=1.0) == 0.0, "the highest speed is no limit"
 
     def test_a_task_gets_it_too(self, robot: Robot, limit: Callable[..., None]) -> None:
         limit(speed_limit=0.5)
@@ -257,38 +245,6 @@ class TestSpeedLimit:
         )
         wait_until(lambda: self.sent(robot, CallAction) == [0.3] * 2, "the limit is sent")
 
-    @pytest.mark.parametrize(
-        "fields",
-        [
-            {"percentage": True, "speed_limit": 100.0},
-            {"percentage": True, "speed_limit": 250.0},
-            {"speed_limit": 1.0},
-            {"speed_limit": 3.0},
-        ],
-        ids=str,
-    )
-    def test_the_highest_speed_is_no_limit(
-        self, robot: Robot, limit: Callable[..., None], fields: dict[str, Any]
-    ) -> None:
-        """The chassis takes a limit as its speed, so a high one would make the robot faster."""
-        limit(speed_limit=0.3)
-        assert go(robot, 0.5).result()[0] == SUCCEEDED
-        assert self.sent(robot, CallAction)[-1] == 0.3
-        limit(**fields)
-        assert go(robot, 1.0).result()[0] == SUCCEEDED
-        assert self.sent(robot, CallAction)[-1] == 0.0
-
-    def test_a_limit_above_that_of_cmd_vel_holds(
-        self, robot: Robot, limit: Callable[..., None]
-    ) -> None:
-        """That of cmd_vel says nothing about the speed of navigation."""
-        lower = Parameter("cmd_vel_max_linear", value=0.2).to_parameter_msg()
-        answer = robot.call(SetParameters, "agent/set_parameters", parameters=[lower])
-        assert answer.results[0].successful
-        limit(speed_limit=0.5)
-        assert go(robot, 1.0).result()[0] == SUCCEEDED
-        assert set(self.sent(robot, CallAction)) == {0.5}
-
     def test_a_refused_limit_ends_a_navigation(
         self, robot: Robot, limit: Callable[..., None]
     ) -> None:
@@ -308,11 +264,11 @@ class TestSpeedLimit:
         hurry(robot.chassis)
         assert goal.result()[0] == SUCCEEDED
 
-    @pytest.mark.parametrize("value", [-1.0, math.nan])
     def test_a_limit_that_is_none_is_ignored(
-        self, robot: Robot, limit: Callable[..., None], logs: Logs, value: float
+        self, robot: Robot, limit: Callable[..., None], logs: Logs
     ) -> None:
-        limit(speed_limit=value)
-        logs.wait_text("speed_limit is ignored")
+        for value in (-1.0, math.nan):
+            limit(speed_limit=value)
+            logs.wait_text(f"speed_limit is ignored, because it is {value:g}")
         assert go(robot, 0.5).result()[0] == SUCCEEDED
         assert self.sent(robot, CallAction) == []
