@@ -12,6 +12,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.tools import __main__ as tools
 from woosh_robot_agent.tools.doctor import program as doctor
 from woosh_robot_agent.tools.maps import program as maps
+from woosh_robot_agent.tools.monitor import program as monitor
 from woosh_robot_agent.tools.options import add_link_options, link_arguments, link_config
 from woosh_robot_agent.tools.recording import record, replay
 from woosh_robot_agent.tools.recording.layout import Event
@@ -41,6 +43,20 @@ from woosh_robot_agent.vda5050 import __main__ as vda5050
 ROOT = Path(__file__).parents[2]
 LISTEN = ["--listen", "127.0.0.1:0"]
 TOOLS = ("dashboard", "monitor", "doctor", "record", "replay", "maps")
+
+
+RunHere = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run_here(capsys: pytest.CaptureFixture[str]) -> RunHere:
+    """Function that runs a program in this process; as `run`."""
+
+    def run_program(main: Callable[[Sequence[str]], int], *arguments: str) -> tuple[int, str, str]:
+        status = main(arguments)
+        return (status, *capsys.readouterr())
+
+    return run_program
 
 
 def empty_recording(folder: Path) -> Path:
@@ -253,24 +269,23 @@ def test_the_options_of_a_hint_are_those_that_were_given() -> None:
     assert shlex.split(link_arguments(parsed(*given))) == given
 
 
-@pytest.mark.parametrize("tool", ["monitor", "maps", "record"])
-def test_a_hint_has_the_given_port_and_transport(tool: str, tmp_path: Path) -> None:
-    arguments = {
-        "monitor": ["--once", "--timeout", "0.5"],
-        "maps": ["list"],
-        "record": ["--duration", "0.5", "--output", str(tmp_path / "a.mcap")],
-    }[tool]
+def test_a_hint_has_the_given_port_and_transport(run_here: RunHere, tmp_path: Path) -> None:
     where = "--ip 127.0.0.1:1 --transport tcp"
-    status, out, err = run(tool, *where.split(), *arguments)
-    assert status == 1
-    assert f"doctor {where}" in " ".join((out + err).replace("│", " ").split())
+    for main, arguments in (
+        (monitor.main, ["--once", "--timeout", "0.5"]),
+        (maps.main, ["list"]),
+        (record.main, ["--duration", "0.5", "--output", str(tmp_path / "a.mcap")]),
+    ):
+        status, out, err = run_here(main, *where.split(), *arguments)
+        assert status == 1
+        assert f"doctor {where}" in " ".join((out + err).replace("│", " ").split())
 
 
-def test_record_of_a_program_that_is_no_robot_fails(tmp_path: Path) -> None:
+def test_record_of_a_program_that_is_no_robot_fails(run_here: RunHere, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as silent:
         port = silent.getsockname()[1]
         arguments = ["--ip", f"127.0.0.1:{port}", "--transport", "tcp", "--duration", "0.5"]
-        status, _, err = run("record", *arguments, "--output", str(tmp_path / "a.mcap"))
+        status, _, err = run_here(record.main, *arguments, "--output", str(tmp_path / "a.mcap"))
     assert status == 1
     assert f"error: no robot answered at tcp://127.0.0.1:{port}: " in err
 
@@ -288,10 +303,10 @@ def test_record_without_a_chassis_warns_and_ends_on_ctrl_c(tmp_path: Path) -> No
     assert {record.kind for record in records if isinstance(record, Event)} <= {"refused"}
 
 
-def test_record_does_not_overwrite_a_file(tmp_path: Path) -> None:
+def test_record_does_not_overwrite_a_file(run_here: RunHere, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("mine")
-    status, _, err = run("record", "--ip", "127.0.0.1", "--output", str(path))
+    status, _, err = run_here(record.main, "--ip", "127.0.0.1", "--output", str(path))
     assert status == 1
     assert f"error: cannot create {path}: File exists" in err
     assert path.read_text() == "mine"
@@ -318,16 +333,17 @@ def test_record_on_a_full_disk_names_the_file_and_leaves_none(tmp_path: Path) ->
     assert not path.exists()  # it would block the next attempt
 
 
-@pytest.mark.parametrize("option", ["--ros", "--listen"])
-def test_record_that_cannot_start_leaves_no_file(chassis, tmp_path, option):
+def test_record_that_cannot_start_leaves_no_file(run_here, chassis, tmp_path):
+    arguments = [*address(chassis), "--output", str(tmp_path / "a.mcap")]
     port_in_use = f"127.0.0.1:{chassis.port}"
-    value = {"--ros": "not a namespace", "--listen": port_in_use}[option]
-    output = ["--output", str(tmp_path / "a.mcap")]
-    status, _, err = run("record", *address(chassis), *output, option, value)
-    assert status == 1
-    assert {"--ros": "error: --ros", "--listen": "error: cannot listen on"}[option] in err
-    assert "\\n" not in err
-    assert not list(tmp_path.iterdir())
+    for (status, _, err), reason in (
+        (run("record", *arguments, "--ros", "not a namespace"), "error: --ros"),
+        (run_here(record.main, *arguments, "--listen", port_in_use), "error: cannot listen on"),
+    ):
+        assert status == 1
+        assert reason in err
+        assert "\\n" not in err
+        assert not list(tmp_path.iterdir())
 
 
 def test_the_proxy_outlives_the_recording(
@@ -380,9 +396,9 @@ def test_record_writes_the_address_of_its_proxy_with_brackets(capsys: Any) -> No
     assert "connect the agent to [::1]:5480, e.g." in capsys.readouterr().out
 
 
-def test_record_warns_if_other_machines_can_connect(chassis, tmp_path):
+def test_record_warns_if_other_machines_can_connect(run_here, chassis, tmp_path):
     arguments = ["--listen", "0.0.0.0:0", "--output", str(tmp_path / "a"), "--duration", "0.1"]
-    status, _, err = run("record", *address(chassis), *arguments)
+    status, _, err = run_here(record.main, *address(chassis), *arguments)
     assert status == 1
     assert "everybody who can reach 0.0.0.0 can command the robot" in err
     assert "nothing was recorded: no client connected" in err
