@@ -7,22 +7,19 @@ import dataclasses
 import io
 import json
 import math
-import random
 from typing import Any
 
 import pytest
 from rich.console import Console
 
 from tests.convert.random_messages import extremes
-from tests.link.fuzz_inputs import blob, text
 from tests.link.link_peer import TIMEOUT, Peer, Wire, eventually, turns
 from tests.robustness.fuzz import fuzz
-from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Requests, Target, batches
+from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.link.codecs.json_codec import from_json
 from woosh_robot_agent.link.frames import FieldError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.tools.dashboard.control import Control, ControlConfig
 from woosh_robot_agent.tools.dashboard.part_data import card_data, place_data
 from woosh_robot_agent.tools.dashboard.parts import Parts
@@ -45,11 +42,11 @@ FEEDBACKS = "woosh.ros.Feedbacks"
 @pytest.mark.parametrize(
     ("key", "count"),
     [
-        ("json", 4000),
-        ("protobuf", 4000),
-        ("framing", 2000),
-        ("json-client", 1000),
-        ("tcp-client", 1000),
+        ("json", 2000),
+        ("protobuf", 2000),
+        ("framing", 1000),
+        ("json-client", 500),
+        ("tcp-client", 500),
     ],
 )
 def test_no_input_breaks_the_target(key: str, count: int) -> None:
@@ -60,7 +57,7 @@ def test_no_input_breaks_the_target(key: str, count: int) -> None:
     assert result.kinds.total() - result.kinds[ACCEPTED] > count / 20
 
 
-@pytest.mark.parametrize(("key", "count"), [("requests", 1000), ("raw", 500)])
+@pytest.mark.parametrize(("key", "count"), [("requests", 500), ("raw", 250)])
 def test_simulator_serves_the_next_client_after_any_input(key: str, count: int) -> None:
     result = fuzz(key, count, SEED)
     assert not result.crashes, result.crashes[0]
@@ -68,25 +65,6 @@ def test_simulator_serves_the_next_client_after_any_input(key: str, count: int) 
     if key == "requests":
         assert result.kinds[ACCEPTED] > count / 10
         assert result.kinds["refused with a text"] > count / 20
-
-
-def test_check_notices_a_state_that_is_not_finite() -> None:
-    """No request may cause such a state, so the test sets it directly."""
-    target = Requests()
-    try:
-        target.simulator.chassis.base.pose = Pose(math.nan)
-        with pytest.raises(AssertionError):
-            target.loop.run_until_complete(target.check())
-    finally:
-        target.close()
-
-
-def test_input_depends_on_its_seed_and_number_alone() -> None:
-    for target in (TARGETS["json"](), TARGETS["protobuf"](), TARGETS["framing"]()):
-        ((_, first),) = batches(target, SEED, 1, first=37)
-        inputs = [each for _, batch in batches(target, SEED, 40) for each in batch]
-        assert inputs[37] == first[0]
-        assert len(set(inputs)) > 30
 
 
 def test_crash_is_reported_with_the_command_that_repeats_it(
@@ -105,15 +83,6 @@ def test_crash_is_reported_with_the_command_that_repeats_it(
     assert "ZeroDivisionError" in result.crashes[0]
     assert f"--target json --seed {SEED} --first " in result.crashes[0]
     assert "input " in result.crashes[0]
-
-
-def test_inputs_include_the_extremes() -> None:
-    texts = [text(random.Random(f"x{n}")) for n in range(20_000)]
-    for odd in ("[" * 1000, "1e999", "\\ud800", "9" * 500, "null", "\\u0000", "kNoSuchName"):
-        assert any(odd in each for each in texts), odd
-    blobs = [blob(random.Random(f"x{n}")) for n in range(20_000)]
-    for odd in (b"\x0b" * 1000, b"\xff" * 10):
-        assert any(odd in each for each in blobs), odd
 
 
 def _strict_json(text: str) -> Any:

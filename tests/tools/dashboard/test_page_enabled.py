@@ -170,47 +170,36 @@ def test_a_task_that_waits_for_an_obstacle_is_not_shown_as_paused(window: Browse
                 robot.clear_faults()
 
 
-def test_the_dock_shows_all_of_its_texts(robot: SimulatedPage, browser: Browser) -> None:
-    def check_whole() -> None:
-        for width, height in ((360, 740), (1024, 768), (1440, 900)):
-            browser.set_screen(width, height)
-            eventually(lambda width=width: browser.script("innerWidth") == width, "the size")
-            hidden = browser.script("now.scrollHeight - now.clientHeight")
-            assert hidden == 0, (width, browser.text("#now"))
+def check_whole(browser: Browser) -> None:
+    """Check that the dock shows all of its texts on screens of several sizes."""
+    for width, height in ((360, 740), (1024, 768), (1440, 900)):
+        browser.set_screen(width, height)
+        eventually(lambda width=width: browser.script("innerWidth") == width, "the size")
+        hidden = browser.script("now.scrollHeight - now.clientHeight")
+        assert hidden == 0, (width, browser.text("#now"))
 
+
+def test_the_dock_shows_all_of_its_texts(robot: SimulatedPage, browser: Browser) -> None:
     start_task(browser, robot)
     keeps = "Pause keeps the task; STOP ends it"
     eventually(lambda: re.search(rf"\d m to go · {keeps}$", browser.text("#now")), "the way left")
     assert "cancel its task" in browser.element("#stop").get_attribute("title")
-    check_whole()
+    check_whole(browser)
     browser.script("connection.command('speedLimit', {limit: 0.2})")
     eventually(lambda: "Speed limit: 0.2 m/s." in browser.text("#now"), "the speed limit")
-    check_whole()
+    check_whole(browser)
     browser.script("connection.command('speedLimit', {limit: null})")
     eventually(lambda: "limit" not in browser.text("#now"), "its end")
     browser.click_at(1.0, -6.0)
     eventually(lambda: browser.script("store.target.value?.plan?.length > 0"), "its way")
     eventually(lambda: "executing a task" in browser.text("#now"), "why Go is off")
-    check_whole()
+    check_whole(browser)
     title, dismiss = (browser.element(each).rect for each in ("#now b", "#dismiss"))
     assert title["y"] + title["height"] <= dismiss["y"]
     browser.press("#dismiss")
     browser.press(".doing #pause")
     eventually(lambda: browser.is_enabled(".doing #continue"), "the paused task")
     assert keeps in browser.text("#now")
-    for fault, remedy in (
-        ("emergency_stop", "release the button"),
-        ("key_switch", "Turn the key switch"),
-        ("lost_localisation", "Choose Set pose"),
-    ):
-        hindrance = robot.inject(fault)
-        eventually(lambda remedy=remedy: remedy in browser.text("#now"), fault)
-        check_whole()
-        # what the stick may need is not hidden
-        assert browser.element("#slow").is_displayed()
-        assert browser.element("#keyboard").is_displayed()
-        hindrance.clear()
-        eventually(lambda: browser.is_enabled(".doing #continue"), "the end of it")
 
 
 def test_the_target_beside_a_paused_task_can_be_dropped(
@@ -272,6 +261,10 @@ def test_the_dock_says_what_the_banner_says(robot: SimulatedPage, browser: Brows
         eventually(lambda: not browser.is_enabled(".doing #continue"), "Continue to be off")
         assert is_stick_off(browser) != drives
         assert remedy in browser.text("#now")
+        check_whole(browser)
+        # what the stick may need is not hidden
+        assert browser.element("#slow").is_displayed()
+        assert browser.element("#keyboard").is_displayed()
         browser.press(".doing #cancel")
         eventually(lambda: "Paused" not in browser.text("#now"), "the end of the task")
         assert says in browser.text("#now")
