@@ -114,18 +114,3 @@ def test_the_scripts_of_a_workflow_exist(name: str) -> None:
     for jobs in workflow(name)["jobs"].values():
         for needed in [jobs["needs"]] if "needs" in jobs else []:
             assert needed in workflow(name)["jobs"]
-
-
-@pytest.mark.parametrize(
-    "script",
-    [
-        ROOT / "scripts/deb",
-        ROOT / "scripts/release_notes",
-        DEBIAN / "test",
-        DEBIAN / "check_installed",
-    ],
-    ids=lambda script: str(script.name),
-)
-def test_scripts_have_no_syntax_errors(script: Path) -> None:
-    subprocess.run(["bash", "-n", script], check=True)
-    assert script.stat().st_mode & 0o100, "not executable"

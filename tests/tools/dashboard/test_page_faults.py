@@ -269,7 +269,7 @@ def test_what_could_not_be_loaded_is_loaded_later(robot: SimulatedPage, window: 
 
 
 def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
-    chassis: SimulatorThread, other: SimulatorThread, window: Browser
+    plain_robot: RobotThread, other: SimulatorThread, window: Browser
 ) -> None:
     def set_limit(limit: float) -> None:
         def is_set() -> bool:
@@ -281,22 +281,18 @@ def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
 
         eventually(is_set, "the limit")
 
-    options = ["--page-port", str(own_port())]
-    with program(chassis, other, options=options) as (process, url):
+    robots, port = (plain_robot, other), own_port()
+    with plain_robot.serving(*robots, port=port) as url:
         window.open(url)
         window.show("setup")
         set_limit(0.1)
-        process.kill()
-        process.wait()
-    with program(chassis, other, options=options) as (process, url):
+    with plain_robot.serving(*robots, port=port):
         eventually(lambda: "0.1 m/s has ended" in window.text("#notice"), "the notice")
         assert "0.1 m/s has ended" in window.text("#answer")
         eventually(lambda: window.is_enabled("#speed-limit"), "the new dashboard")
         set_limit(0.2)
         eventually(lambda: "has ended" not in window.text("#notice"), "the end of the notice")
-        process.kill()
-        process.wait()
-    with program(chassis, other, options=options):
+    with plain_robot.serving(*robots, port=port):
         eventually(lambda: "0.2 m/s has ended" in window.text("#notice"), "the notice")
         eventually(lambda: window.script("!store.outdated.value"), "the new dashboard")
         window.press("#notice .actions button")
