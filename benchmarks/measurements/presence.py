@@ -34,7 +34,7 @@ NAV2_FIGURES = {
 _STARTS = 5
 """Number of starts; the figure is their median."""
 _START_TIMEOUT = 300.0
-"""Time in which a program must have started, in seconds. It takes minutes on a very busy machine."""
+"""Time in which a program must have started, in seconds. A very busy machine takes minutes."""
 _IDLE = 20.0
 """Time for which an idle program is measured, in seconds."""
 _IDLE_AT_LEAST = 2.5
