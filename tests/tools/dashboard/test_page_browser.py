@@ -808,11 +808,6 @@ def test_codes_are_filtered_and_plots_have_the_history(
     assert 0 < faults <= found
     eventually(lambda: len(browser.elements("#plots canvas")) == 3, "plots")
     eventually(lambda: "93 %" in browser.text("#plots"), "the battery")
-    # the clock of the dashboard is set back
-    browser.script("""(
-      (connection.command = async () => ({ok: true, data: {samples: [[1e9, 0, 57, 5, false]]}})),
-      (store.sample.value = [1e9, 0, 57, 5, false]))""")
-    eventually(lambda: "57 %" in browser.text("#plots"), "the history anew")
 
 
 def test_the_language_changes_everywhere(browser: Browser) -> None:
