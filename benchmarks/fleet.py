@@ -371,7 +371,7 @@ def main(arguments: Sequence[str]) -> int:
     options = tuple(given.connector)
     load = Load(4, 20.0, 2.0, options) if given.smoke else Load(arguments=options)
     found = []
-    for robots in (1, 2) if given.smoke else given.robots:
+    for robots in (2,) if given.smoke else given.robots:
         print(f"{robots} robots", file=sys.stderr, flush=True)
         found.append(asdict(measure(robots, load)))
     return report(given, found, _table, excess)

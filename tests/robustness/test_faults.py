@@ -15,7 +15,7 @@ from tests.robustness.rig import KINDS, Rig
 from tests.robustness.scenarios import ALONE, BLOCK, COMBINATIONS, plan, run
 from woosh_robot_agent.simulator.faults import FAULTS
 
-SCENARIOS = 4
+SCENARIOS = 2
 """Number of scenarios of two faults with each kind of agent."""
 
 

@@ -13,6 +13,6 @@ from tests.robustness.flood import Size, run
 
 @pytest.mark.timeout(900)
 def test_floods_are_answered_and_leave_nothing_behind() -> None:
-    figures = run(Size(seconds=1.0, frame=4, slow=1.0), measure_memory=False)
+    figures = run(Size(seconds=1.0, frame=2, slow=1.0), measure_memory=False)
     broken = [each for each in figures if not each.ok and not each.depends_on_machine]
     assert not broken, "\n" + figures_table(figures)

@@ -7,22 +7,18 @@ import dataclasses
 import io
 import json
 import math
-import random
 from typing import Any
 
 import pytest
 from rich.console import Console
 
 from tests.convert.random_messages import extremes
-from tests.link.fuzz_inputs import blob, text
 from tests.link.link_peer import TIMEOUT, Peer, Wire, eventually, turns
 from tests.robustness.fuzz import fuzz
-from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Requests, Target, batches
-from woosh_robot_agent.endpoints import TOPICS
+from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target
 from woosh_robot_agent.link.codecs.json_codec import from_json
 from woosh_robot_agent.link.frames import FieldError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.tools.dashboard.control import Control, ControlConfig
 from woosh_robot_agent.tools.dashboard.part_data import card_data, place_data
 from woosh_robot_agent.tools.dashboard.parts import Parts
@@ -39,17 +35,23 @@ from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.robot.status import factsheet, robot_status
 
 SEED = 1
-FEEDBACKS = "woosh.ros.Feedbacks"
+PUSHED = (
+    "woosh.ros.Feedbacks",
+    "woosh.device.RfRemoteController",
+    *(f"woosh.robot.{name}" for name in ("NavPath", "PoseSpeed", "RobotState", "TaskProc")),
+    "woosh.robot.count.StatusCode",
+)
+"""Pushes that RobotInfo does not contain, or that the dashboard also takes by themselves."""
 
 
 @pytest.mark.parametrize(
     ("key", "count"),
     [
-        ("json", 4000),
-        ("protobuf", 4000),
-        ("framing", 2000),
-        ("json-client", 1000),
-        ("tcp-client", 1000),
+        ("json", 2000),
+        ("protobuf", 2000),
+        ("framing", 1000),
+        ("json-client", 500),
+        ("tcp-client", 500),
     ],
 )
 def test_no_input_breaks_the_target(key: str, count: int) -> None:
@@ -60,7 +62,7 @@ def test_no_input_breaks_the_target(key: str, count: int) -> None:
     assert result.kinds.total() - result.kinds[ACCEPTED] > count / 20
 
 
-@pytest.mark.parametrize(("key", "count"), [("requests", 1000), ("raw", 500)])
+@pytest.mark.parametrize(("key", "count"), [("requests", 500), ("raw", 250)])
 def test_simulator_serves_the_next_client_after_any_input(key: str, count: int) -> None:
     result = fuzz(key, count, SEED)
     assert not result.crashes, result.crashes[0]
@@ -68,25 +70,6 @@ def test_simulator_serves_the_next_client_after_any_input(key: str, count: int) 
     if key == "requests":
         assert result.kinds[ACCEPTED] > count / 10
         assert result.kinds["refused with a text"] > count / 20
-
-
-def test_check_notices_a_state_that_is_not_finite() -> None:
-    """No request may cause such a state, so the test sets it directly."""
-    target = Requests()
-    try:
-        target.simulator.chassis.base.pose = Pose(math.nan)
-        with pytest.raises(AssertionError):
-            target.loop.run_until_complete(target.check())
-    finally:
-        target.close()
-
-
-def test_input_depends_on_its_seed_and_number_alone() -> None:
-    for target in (TARGETS["json"](), TARGETS["protobuf"](), TARGETS["framing"]()):
-        ((_, first),) = batches(target, SEED, 1, first=37)
-        inputs = [each for _, batch in batches(target, SEED, 40) for each in batch]
-        assert inputs[37] == first[0]
-        assert len(set(inputs)) > 30
 
 
 def test_crash_is_reported_with_the_command_that_repeats_it(
@@ -105,15 +88,6 @@ def test_crash_is_reported_with_the_command_that_repeats_it(
     assert "ZeroDivisionError" in result.crashes[0]
     assert f"--target json --seed {SEED} --first " in result.crashes[0]
     assert "input " in result.crashes[0]
-
-
-def test_inputs_include_the_extremes() -> None:
-    texts = [text(random.Random(f"x{n}")) for n in range(20_000)]
-    for odd in ("[" * 1000, "1e999", "\\ud800", "9" * 500, "null", "\\u0000", "kNoSuchName"):
-        assert any(odd in each for each in texts), odd
-    blobs = [blob(random.Random(f"x{n}")) for n in range(20_000)]
-    for odd in (b"\x0b" * 1000, b"\xff" * 10):
-        assert any(odd in each for each in blobs), odd
 
 
 def _strict_json(text: str) -> Any:
@@ -142,7 +116,7 @@ async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
         shown.parts.watch(object(), lambda names: None)
         wire = await peer.wire()
         await shown.chassis.wait_ready(TIMEOUT)
-        for name in (*(topic.push for topic in TOPICS if not topic.on_demand), FEEDBACKS):
+        for name in PUSHED:
             for body in extremes(name):
                 received = shown.chassis.stats.rx
                 await wire.push(name, body)
@@ -159,6 +133,8 @@ async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
             from_json(body, info)
         shown.view.update(info)
         _show(shown)
+        # takes ten times as long as everything else
+        Console(file=io.StringIO()).print(draw("it", link_report(shown.chassis), shown.view))
 
 
 def _show(shown: Robot) -> None:
@@ -170,7 +146,7 @@ def _show(shown: Robot) -> None:
     for part in shown.parts.messages.values():
         if isinstance(part, str):
             _strict_json(part)
-    Console(file=io.StringIO()).print(draw("it", link_report(shown.chassis), shown.view))
+    draw("it", link_report(shown.chassis), shown.view)
     info = shown.view.info
     for check in (check_mode, check_initialisation, check_localisation, check_codes):
         assert check(info).status

@@ -55,10 +55,13 @@ runpy.run_module("woosh_robot_agent.{module_name}", run_name="__main__")
     return done.returncode, done.stderr
 
 
-@pytest.mark.parametrize("module", ["rclpy", "rclpy._rclpy_pybind11", "rcl_interfaces"])
 @pytest.mark.parametrize(
-    ("program", "arguments"),
-    [("agent", []), ("tools monitor", []), ("tools record", ["--ip", "127.0.0.1:1", "--ros"])],
+    ("module", "program", "arguments"),
+    [
+        ("rclpy", "agent", []),
+        ("rclpy._rclpy_pybind11", "tools monitor", []),
+        ("rcl_interfaces", "tools record", ["--ip", "127.0.0.1:1", "--ros"]),
+    ],
 )
 def test_a_program_that_needs_ros_tells_how_to_get_it(
     module: str, program: str, arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -75,9 +78,14 @@ def test_a_program_that_needs_ros_tells_how_to_get_it(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("program", ["agent", "simulator", "tools doctor", "vda5050"])
 @pytest.mark.parametrize(
-    ("module", "remedy"), [("websockets", "'websockets>=10.4'"), ("google", "'protobuf>=3.21'")]
+    ("program", "module", "remedy"),
+    [
+        ("agent", "websockets", "'websockets>=10.4'"),
+        ("simulator", "google", "'protobuf>=3.21'"),
+        ("tools doctor", "websockets", "'websockets>=10.4'"),
+        ("vda5050", "google", "'protobuf>=3.21'"),
+    ],
 )
 def test_a_missing_library_is_named(program: str, module: str, remedy: str) -> None:
     status, said = run_without(module, program)

@@ -78,29 +78,6 @@ async def test_each_frame_has_the_time_at_which_it_arrived(tmp_path, monkeypatch
     assert [record.t for record in found] == [1.0, 2.0, 3.0, 4.0]
 
 
-async def test_frames_are_recorded_before_the_next_flush(tmp_path):
-    file = writer(tmp_path / "a.mcap")
-    recorder = FrameRecorder(file)
-    recorder.add(direction(), HEAD + wire(numbered(0)))
-    recorder.flush()
-    recorder.close()
-    assert len(read_recording(tmp_path / "a.mcap").records) == 1
-    file.close()
-
-
-async def test_many_bytes_do_not_wait(tmp_path):
-    file = writer(tmp_path / "a.mcap")
-    recorder, chassis = FrameRecorder(file), direction()
-    recorder.add(chassis, HEAD)
-    frame = wire(b"x" * 300_000)
-    for _ in range(4):
-        recorder.add(chassis, frame)
-    recorder.flush()
-    recorder.close()
-    assert file.frames == 4
-    file.close()
-
-
 class _SlowDisk(RecordingWriter):
     """A writer whose disk stands still until it is told to go on."""
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.browsers import Browser, SimulatedPage, chromium
+from tests.tools.dashboard.browsers import Browser, RobotThread, SimulatedPage, chromium
 from tests.tools.dashboard.pages import program
 from woosh_robot_agent.simulator import SimulatorThread
 
@@ -66,20 +66,15 @@ def browser(robot: SimulatedPage, window: Browser) -> Iterator[Browser]:
     window.check_console_and_requests(robot.url)
 
 
-@pytest.fixture
-def tabs(robot: SimulatedPage) -> Iterator[Browser]:
-    """A browser that shows the page in a tab, which another tab can hide."""
-    with chromium(with_tabs=True) as running, running.new_window():
-        running.open(robot.url)
-        yield running
-
-
 class Served(NamedTuple):
-    """Simulated robots, and a program that serves their page."""
+    """Simulated robots, and the address of a page for them."""
 
-    robots: list[SimulatorThread]
-    process: subprocess.Popen[str]
+    robots: list[RobotThread]
     url: str
+
+    def silent(self) -> AbstractContextManager[None]:
+        """Keep the dashboard from doing anything; the connections stay open."""
+        return self.robots[0].silent()
 
 
 Serve = Callable[..., Served]
@@ -87,15 +82,18 @@ Serve = Callable[..., Served]
 
 @pytest.fixture
 def serve() -> Iterator[Serve]:
-    """Function that starts robots with these options, and the program; see `program`."""
+    """Function that starts robots with these options, and a dashboard for them.
+
+    Options of `program` start that instead.
+    """
     with ExitStack() as running:
 
         def start(*robots: dict[str, Any], **options: Any) -> Served:
-            ports = {"port": 0, "tcp_port": 0}
-            chassis = [
-                running.enter_context(SimulatorThread(quick_config(**ports, **each)))
-                for each in robots
-            ]
-            return Served(chassis, *running.enter_context(program(*chassis, **options)))
+            threads = [running.enter_context(RobotThread(**each)) for each in robots]
+            if options:
+                _, url = running.enter_context(program(*threads, **options))
+            else:
+                url = running.enter_context(threads[0].serving(*threads))
+            return Served(threads, url)
 
         yield start

@@ -57,18 +57,17 @@ async def dashboard(*robots: SimulatorThread, **options: Any) -> AsyncIterator[D
 
 @contextmanager
 def program(
-    *robots: SimulatorThread, options: Sequence[str] = (), watch: bool = False, control: bool = True
+    *robots: SimulatorThread, options: Sequence[str] = (), watch: bool = False
 ) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Start the program; yield its process and its address.
+    """Start the program with control; yield its process and its address.
 
     Args:
         robots: the robots.
         options: further options.
         watch: yield the address at which one can only look, on this machine.
-        control: start it with control.
     """
-    command = [sys.executable, "-m", "woosh_robot_agent.tools", "dashboard"]
-    command += [*(["--control"] if control else []), "--page-port", "0", *options]
+    command = [sys.executable, "-m", "woosh_robot_agent.tools", "dashboard", "--control"]
+    command += ["--page-port", "0", *options]
     for robot in robots:
         command += ["--ip", f"127.0.0.1:{robot.port}"]
     errors = subprocess.PIPE if watch else None

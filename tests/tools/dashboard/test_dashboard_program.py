@@ -50,18 +50,12 @@ async def test_the_chassis_stops_by_itself_when_the_program_is_killed(
         # on a busy machine, the connection was too slow, and the stick had stopped the robot
 
 
-async def test_a_robot_that_is_named_twice_is_shown_once(chassis: SimulatorThread) -> None:
-    with program(chassis, chassis) as (_, url):
-        async with page(url) as viewer:
-            assert len(await viewer.until(lambda parts: parts["hello"]["robots"])) == 1
-
-
-async def test_the_page_is_served_over_https(
+async def test_the_page_is_served_over_https_and_a_robot_that_is_named_twice_is_shown_once(
     chassis: SimulatorThread, certificate: list[str]
 ) -> None:
     tls = ssl.create_default_context(cafile=certificate[1])
     options = [*certificate, "--host", "0.0.0.0"]
-    with program(chassis, options=options) as (_, url):
+    with program(chassis, chassis, options=options) as (_, url):
         assert url.startswith("https://")
         local = url.replace(urlsplit(url).hostname or "", "127.0.0.1")
         path = f"/?{urlsplit(url).query}"
@@ -70,6 +64,7 @@ async def test_the_page_is_served_over_https(
         assert "; Secure" in headers["set-cookie"]
         cookie = headers["set-cookie"].partition(";")[0]
         async with page(local, tls=tls, Cookie=cookie) as viewer:
+            assert len(await viewer.until(lambda parts: parts["hello"]["robots"])) == 1
             await viewer.give("speak", text="hello")
         plain = f"http://{place(local)}"
         with pytest.raises(InvalidHandshake):
@@ -81,7 +76,8 @@ def test_a_key_that_does_not_fit_the_certificate_is_refused(
     certificate: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     key = tmp_path / "other.pem"
-    subprocess.run(["openssl", "genrsa", "-out", str(key)], check=True, capture_output=True)
+    curve = ["ecparam", "-genkey", "-name", "prime256v1"]
+    subprocess.run(["openssl", *curve, "-out", str(key)], check=True, capture_output=True)
     with pytest.raises(SystemExit):
         main(["--ip", "127.0.0.1", *certificate[:2], "--tls-key", str(key)])
     assert "cannot use --tls-cert and --tls-key: " in capsys.readouterr().err

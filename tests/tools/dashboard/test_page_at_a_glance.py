@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Sequence
 
 import pytest
 
@@ -124,25 +126,37 @@ def test_plots_tell_time_and_values_at_the_pointer(browser: Browser) -> None:
     eventually(lambda: not any(":" in each for each in values()), "the last values at the end")
 
 
-def test_the_time_left_is_told_while_the_battery_falls_steadily(browser: Browser) -> None:
-    def facts(*samples: tuple[int, int | None], charging: str = "false") -> str:
-        """Show the state after these samples: their age in seconds, and the charge in percent."""
-        listed = ",".join(
-            f"[{age}, {'null' if power is None else power}]" for age, power in samples
+def test_the_trend_and_the_time_left_of_the_battery_are_told_if_it_falls_steadily(
+    browser: Browser,
+) -> None:
+    def facts(*samples: tuple[int, int | None], charged: Sequence[bool] = ()) -> str:
+        """Return the facts after these samples: their age in seconds, and the charge in percent."""
+        listed = [
+            [age, power, index < len(charged) and charged[index]]
+            for index, (age, power) in enumerate(samples)
+        ]
+        return str(
+            browser.script(f"""(
+          connection.command = async () => ({{ok: true, data: {{samples: {json.dumps(listed)}.map(
+            ([age, power, charging]) => [Date.now() / 1000 - age, 0, power, 5, charging])}}}}),
+          store.sample.value = [Math.random(), 0, 93, 5, false],  // the clock was set back
+          new Promise((resolve) => setTimeout(() => requestAnimationFrame(() => setTimeout(
+            () => resolve(document.querySelector("#facts").innerText))))))""")
         )
-        browser.script(f"""connection.command = async () => ({{ok: true, data: {{samples:
-          [{listed}].map(([age, power]) =>
-            [Date.now() / 1000 - age, 0, power, 5, {charging}])}}}})""")
-        browser.show("go")
-        browser.show("state")
-        eventually(lambda: browser.script("document.querySelectorAll('.u-over').length === 3"), "")
-        return browser.text("#facts")
 
+    browser.show("state")
+    eventually(lambda: "93 %" in browser.text("#plots"), "the history")
+    # no further samples come from the dashboard
+    browser.script("""void (connection.onPart = ((former) => (name, data) =>
+      name === "sample" || former(name, data))(connection.onPart))""")
+    used = [(1700, 20), (400, 99), (0, 93)]
+    assert "-54 % per hour" in facts(*used, charged=(True, False, False))
+    assert "per hour" not in facts(*used, charged=(True, True, True))
     steady = [(1700, 76), (1500, 75), (1000, 74), (500, 73), (0, 73)]  # 500 s for each percent
     assert "about 10 h left" in facts(*steady)
     assert "about 2 h left" in facts(*[(age, power - 58) for age, power in steady])
     assert "about 40 min left" in facts(*[(age, power - 68) for age, power in steady])
-    assert "left" not in facts(*steady, charging="true")
+    assert "left" not in facts(*steady, charged=[True] * 5)
     for unsteady in (
         [(1700, 75), (1000, 74), (500, 73), (0, 73)],  # one percent, from begin to end
         [(1700, 76), (1650, 75), (1600, 74), (500, 73), (0, 73)],  # slower since
@@ -154,10 +168,7 @@ def test_the_time_left_is_told_while_the_battery_falls_steadily(browser: Browser
         assert "left" not in facts(*unsteady), unsteady
 
 
-@pytest.mark.parametrize("width", [390, 1440])
-def test_the_line_below_the_map_names_the_map_where_there_is_room(
-    browser: Browser, width: int
-) -> None:
+def test_the_line_below_the_map_names_the_map_where_there_is_room(browser: Browser) -> None:
     read = """((text) => {
       store.answer.value = text && {ok: true, time: 0, robot: store.address.value,
         text: {key: "reason.said", values: {text}}};
@@ -170,19 +181,20 @@ def test_the_line_below_the_map_names_the_map_where_there_is_room(
         resolve([seen ? name.innerText : "", answer.offsetWidth]);
       })));
     })(%s)"""
-    browser.set_screen(width, 900)
-    eventually(lambda: browser.script("innerWidth") == width, "the size")
     name = "wooshmap · wooshmap"
-    assert browser.script(read % "null")[0] == name
-    assert browser.script(read % "'stopped'")[0] == name
-    shown, long = browser.script(read % "'a long answer '.repeat(30)")
-    assert shown == ""
-    assert long > 0.9 * browser.element(".line").rect["width"]
-    browser.script(read % "null")
-    browser.actions().move_to_element(browser.element("#map")).perform()
-    eventually(lambda: browser.text("#pointed").endswith(" m"), "the place under the pointer")
-    browser.actions().move_to_element(browser.element("#stick")).perform()
-    eventually(lambda: browser.text("#pointed") == name, "the map again")
+    for width in (390, 1440):
+        browser.set_screen(width, 900)
+        eventually(lambda width=width: browser.script("innerWidth") == width, "the size")
+        assert browser.script(read % "null")[0] == name
+        assert browser.script(read % "'stopped'")[0] == name
+        shown, long = browser.script(read % "'a long answer '.repeat(30)")
+        assert shown == ""
+        assert long > 0.9 * browser.element(".line").rect["width"]
+        browser.script(read % "null")
+        browser.actions().move_to_element(browser.element("#map")).perform()
+        eventually(lambda: browser.text("#pointed").endswith(" m"), "the place under the pointer")
+        browser.actions().move_to_element(browser.element("#stick")).perform()
+        eventually(lambda: browser.text("#pointed") == name, "the map again")
 
 
 def test_the_greatest_speed_and_the_speed_are_seen_at_the_stick(
@@ -213,7 +225,9 @@ new MutationObserver((records) => {
 """Collects what a screen reader tells."""
 
 
-def test_a_screen_reader_is_not_told_each_metre_of_a_drive(browser: Browser) -> None:
+def test_a_screen_reader_is_not_told_each_metre_of_a_drive_nor_each_second_of_silence(
+    robot: SimulatedPage, browser: Browser
+) -> None:
     browser.driver.execute_script(_TELL)
     browser.choose_mark()
     browser.press("#go")
@@ -224,12 +238,6 @@ def test_a_screen_reader_is_not_told_each_metre_of_a_drive(browser: Browser) -> 
     browser.script("(told = [])")
     eventually(lambda: float(browser.script("store.wayLeft.value || 0")) < begin - 1.5, "the way")
     assert len(browser.script("told")) < 5, browser.script("told")
-
-
-def test_a_screen_reader_is_not_told_each_second_of_silence(
-    robot: SimulatedPage, browser: Browser
-) -> None:
-    browser.driver.execute_script(_TELL)
     robot.inject("freeze")
     eventually(lambda: "No data for 2 s" in browser.text("#notice"), "the silence")
     assert "No data for 2 s" in browser.text("#link")

@@ -109,6 +109,7 @@ def test_a_press_shows_the_way_and_a_second_one_sends_the_robot(
     eventually(lambda: browser.script("store.path.value.length > 1"), "the path")
     eventually(lambda: re.match(r"To [01]\.\d\d, -[56]\.\d\d m", browser.text("#now")), "the task")
     assert "You have control" in browser.text("#owner")
+    set_speed(robot, 10.0)
 
     def is_there() -> bool:
         pose = robot.state.pose
@@ -170,40 +171,30 @@ def test_the_path_begins_at_the_robot_even_where_it_crosses_itself(
     assert browser.script("mapCanvas.picture().path === store.path.value")
 
 
-def test_a_mark_is_found_by_its_name_and_has_a_kind_of_task(
+def test_a_task_has_the_kind_and_the_direction_that_were_chosen(
     robot: SimulatedPage, browser: Browser
 ) -> None:
-    field = browser.element("#search")
-    field.send_keys("roller conv")
+    browser.element("#search").send_keys("roller conv")
     eventually(lambda: browser.text("#marks").split()[0] == "K10", "the mark")
     browser.press("#marks button")
     eventually(lambda: " m" in browser.text("#now .way"), "the way")
     assert "Roller station" in browser.text("#now")
     browser.element("#kind option[value='carry 0']").click()
     browser.element("#direction option[value='feeding']").click()
+    # a direction belongs to the kind of task for which it was chosen
+    browser.element("#kind option[value='pick 0']").click()
+    eventually(lambda: not browser.elements("#direction"), "the end of the direction")
     go(browser)
     sent = last(robot, ExecTask)
-    assert (sent.mark_no, sent.type, sent.direction) == ("K10", task.kCarry, task.kFeeding)
-    # the buttons do something, or are disabled
-    browser.show("tasks")
-    eventually(lambda: browser.is_enabled("#pause"), "the pause")
-    for name in ("pause", "continue"):
-        again_if_slow(
-            browser,
-            lambda name=name: browser.press(f".doing #{name}"),
-            lambda name=name: f"{name}: accepted" in browser.text("#answer").lower(),
-            name,
-        )
-        other = "continue" if name == "pause" else "pause"
-        eventually(lambda other=other: browser.is_enabled(f".doing #{other}"), other)
-        if name == "pause":  # while the emergency stop is pressed, a task cannot go on
-            robot.inject("emergency_stop")
-            eventually(lambda: not browser.is_enabled(".doing #continue"), "the emergency stop")
-            robot.clear_faults()
-            eventually(lambda: browser.is_enabled(".doing #continue"), "its release")
-    browser.press(".panel #cancel")
-    eventually(lambda: "Cancelled" in browser.text("#ended"), "the end")
-    assert not browser.is_enabled(".panel #cancel")
+    assert (sent.mark_no, sent.type) == ("K10", task.kPick)
+    assert sent.direction == task.kDirectionUndefined
+    browser.press(".doing #cancel")
+    eventually(lambda: browser.is_enabled("#charge"), "the end of the task")
+    browser.press("#charge")
+    eventually(lambda: "C1" in browser.text("#now"), "the charger")
+    go(browser)
+    eventually(lambda: last(robot, ExecTask).type == task.kCharge, "the task")
+    assert last(robot, ExecTask).mark_no == "C1"
 
 
 def test_what_is_begun_while_an_answer_is_awaited_is_not_forgotten_with_it(
@@ -229,27 +220,6 @@ def test_what_is_begun_while_an_answer_is_awaited_is_not_forgotten_with_it(
     browser.choose_mark()
     accepted("#go", "document.querySelector('#marks li:nth-child(3) button').click()", "Go")
     assert browser.script("store.target.value?.mark") == browser.text("#marks li:nth-child(3) b")
-
-
-def test_a_direction_belongs_to_the_kind_of_task_for_which_it_was_chosen(
-    robot: SimulatedPage, browser: Browser
-) -> None:
-    browser.choose_mark()
-    browser.element("#kind option[value='carry 0']").click()
-    browser.element("#direction option[value='feeding']").click()
-    browser.element("#kind option[value='pick 0']").click()
-    eventually(lambda: not browser.elements("#direction"), "the end of the direction")
-    go(browser)
-    sent = last(robot, ExecTask)
-    assert (sent.type, sent.direction) == (task.kPick, task.kDirectionUndefined)
-
-
-def test_charge_goes_to_the_charger(robot: SimulatedPage, browser: Browser) -> None:
-    browser.press("#charge")
-    eventually(lambda: "C1" in browser.text("#now"), "the charger")
-    go(browser)
-    sent = last(robot, ExecTask)
-    assert (sent.mark_no, sent.type) == ("C1", task.kCharge)
 
 
 def test_a_double_click_sends_one_task(robot: SimulatedPage, browser: Browser) -> None:
@@ -314,30 +284,34 @@ def test_the_map_is_used_without_a_pointer(robot: SimulatedPage, browser: Browse
     def enter(*keys: str) -> None:
         browser.actions().send_keys(*keys, Keys.ENTER).perform()
 
-    for size in ((1280, 800), (720, 450)):
-        browser.set_screen(*size)
-        browser.show("map")
-        browser.element("#set-pose").send_keys(Keys.ENTER)
-        assert browser.script("document.activeElement.id") == "map"
-        assert browser.script("mapCanvas.picture().cross")
-        enter(Keys.ARROW_LEFT)
-        place = at_cross()
-        enter(Keys.ARROW_UP)
-        pose = browser.script("(({x, y, theta}) => [x, y, theta])(store.draft.value)")
-        assert pose == pytest.approx([*place, math.pi / 2], abs=0.01)
-        browser.element("#dismiss").send_keys(Keys.ENTER)
-        # the control that was pressed is gone
-        eventually(lambda: browser.script("document.activeElement.matches('.doing')"), "focus")
-        browser.element("[data-tool=measure]").send_keys(Keys.ENTER)
-        browser.element("#map").send_keys(Keys.ENTER)
-        browser.actions().key_down(Keys.SHIFT).send_keys(Keys.ARROW_RIGHT).key_up(
-            Keys.SHIFT
-        ).perform()
-        enter(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
-        length = "(([one, other]) => other.x - one.x)(store.measured.value)"
-        pixels = browser.script(f"{length} * mapCanvas.view.scale")
-        assert pixels == pytest.approx(125, abs=0.1)
-        assert browser.element("#keyboard").is_displayed()
+    browser.set_screen(720, 450)
+    browser.show("map")
+    browser.element("#set-pose").send_keys(Keys.ENTER)
+    assert browser.script("document.activeElement.id") == "map"
+    assert browser.script("mapCanvas.picture().cross")
+    enter(Keys.ARROW_LEFT)
+    place = at_cross()
+    enter(Keys.ARROW_UP)
+    pose = browser.script("(({x, y, theta}) => [x, y, theta])(store.draft.value)")
+    assert pose == pytest.approx([*place, math.pi / 2], abs=0.01)
+    browser.element("#dismiss").send_keys(Keys.ENTER)
+    # the control that was pressed is gone
+    eventually(lambda: browser.script("document.activeElement.matches('.doing')"), "focus")
+    browser.element("[data-tool=measure]").send_keys(Keys.ENTER)
+    browser.element("#map").send_keys(Keys.ENTER)
+    browser.actions().key_down(Keys.SHIFT).send_keys(Keys.ARROW_RIGHT).key_up(Keys.SHIFT).perform()
+    enter(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
+    length = "(([one, other]) => other.x - one.x)(store.measured.value)"
+    pixels = browser.script(f"{length} * mapCanvas.view.scale")
+    assert pixels == pytest.approx(125, abs=0.1)
+    assert browser.element("#keyboard").is_displayed()
+    # shortcuts of the browser do nothing to the map
+    view = "[mapCanvas.view.scale, mapCanvas.view.centre]"
+    before = browser.script(view)
+    for key, held in (("+", "ctrlKey"), ("0", "metaKey"), ("ArrowLeft", "altKey")):
+        event = f"new KeyboardEvent('keydown', {{key: '{key}', {held}: true, cancelable: true}})"
+        assert browser.script(f"document.querySelector('#map').dispatchEvent({event})")
+    assert browser.script(view) == before
     browser.element("[data-tool=go]").send_keys(Keys.ENTER)
     browser.element("#map").send_keys("0", Keys.ENTER)
     eventually(lambda: browser.is_enabled("#go"), "the preview")
@@ -399,7 +373,7 @@ def test_what_was_about_to_be_done_on_a_map_ends_with_it(
     assert count_tasks(robot) == 0
 
 
-def test_what_was_about_to_be_done_ends_with_a_change_of_the_map(
+def test_a_change_of_the_map_ends_what_was_chosen_and_what_can_be_repeated(
     robot: SimulatedPage, browser: Browser
 ) -> None:
     def move_mark(simulator: Any) -> None:
@@ -408,12 +382,24 @@ def test_what_was_about_to_be_done_ends_with_a_change_of_the_map(
         marks = {**area.marks, "A2": moved}
         simulator.chassis.change_map(replace(area, version=area.version + 1, marks=marks))
 
+    repeat = "#ended li:first-child .quiet"
+    give = "connection.command('go', {x: 1, y: -6, theta: 0, ...store.shownMap.value})"
+    browser.show("tasks")
+    again_if_slow(
+        browser, lambda: browser.script(give), lambda: browser.text("#running"), "the task"
+    )
+    browser.press("#panel #cancel")
+    eventually(lambda: browser.is_enabled(repeat), "its end")
+    browser.show("go")
     browser.press("#marks li:nth-child(2) button")
     eventually(lambda: browser.is_enabled("#go"), "Go")
     assert browser.text("#now b").startswith("A2")
     robot.call(move_mark)
     eventually(lambda: not browser.is_enabled("#go"), "the end of what was chosen")
     assert browser.script("store.target.value") is None
+    browser.show("tasks")
+    eventually(lambda: browser.elements(repeat), "the list")
+    assert not browser.is_enabled(repeat)
 
 
 def test_without_the_map_that_the_robot_uses_the_former_one_is_gone(
@@ -487,25 +473,6 @@ def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
     assert browser.script(title) == "A2 is on another map, or the map was changed"
 
 
-def test_a_place_is_not_repeated_on_a_map_that_was_changed(
-    robot: SimulatedPage, browser: Browser
-) -> None:
-    def change_map(simulator: Any) -> None:
-        area = simulator.chassis.map
-        simulator.chassis.change_map(replace(area, version=area.version + 1))
-
-    repeat = "#ended li:first-child .quiet"
-    give = "connection.command('go', {x: 1, y: -6, theta: 0, ...store.shownMap.value})"
-    browser.show("tasks")
-    again_if_slow(
-        browser, lambda: browser.script(give), lambda: browser.text("#running"), "the task"
-    )
-    browser.press("#panel #cancel")
-    eventually(lambda: browser.is_enabled(repeat), "its end")
-    robot.call(change_map)
-    eventually(lambda: not browser.is_enabled(repeat), "the change of the map")
-
-
 def test_zoom_pan_fit_measure_and_turn(browser: Browser) -> None:
     from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 
@@ -577,27 +544,10 @@ def test_the_view_follows_the_robot_until_it_is_dragged(
         )
         return math.hypot(*at)
 
-    browser.press("[data-tool=move]")
     browser.press("#follow")
     eventually(lambda: from_middle() < 1.0, "the robot in the middle")
-    begin = browser.script("store.pose.value")
-    browser.drive(robot)
-    moved = f"Math.hypot(store.pose.value.x - {begin['x']}, store.pose.value.y - {begin['y']})"
-    eventually(lambda: browser.script(moved) > 0.1, "the robot to move")
-    assert from_middle() < 1.0
-    browser.release()
-    area = browser.element("#map")
-    browser.actions().drag_and_drop_by_offset(area, 80, 0).perform()
-    assert not browser.script("store.follow.value")
-    assert from_middle() > 50.0
-
-
-def test_a_press_on_a_map_that_follows_the_robot_means_the_place_where_it_began(
-    browser: Browser,
-) -> None:
-    browser.press("#follow")
+    # a press means the place where it began, though the map moves meanwhile
     width, height = browser.script("[mapCanvas.view.width, mapCanvas.view.height]")
-    eventually(lambda: browser.script("mapCanvas.view.centre.x !== 0"), "the robot in the middle")
     place = browser.script(f"mapCanvas.view.toWorld({width / 2 + 80}, {height / 2 - 60})")
     area = browser.element("#map")
     press = browser.actions().move_to_element_with_offset(area, 80, -60).click_and_hold()
@@ -607,10 +557,20 @@ def test_a_press_on_a_map_that_follows_the_robot_means_the_place_where_it_began(
     target = browser.script("store.target.value.pose")
     assert math.dist((target["x"], target["y"]), (place["x"], place["y"])) < 0.1
     assert math.isclose(target["theta"], math.pi / 2, abs_tol=0.1)
-    assert browser.script("store.follow.value")
+    browser.press("[data-tool=move]")
+    # the robot moves, and the map with it
+    begin = browser.script("store.pose.value")
+    browser.drive(robot)
+    moved = f"Math.hypot(store.pose.value.x - {begin['x']}, store.pose.value.y - {begin['y']})"
+    eventually(lambda: browser.script(moved) > 0.1, "the robot to move")
+    browser.release()
+    eventually(lambda: from_middle() < 1.0, "the robot in the middle")
+    browser.actions().drag_and_drop_by_offset(area, 80, 0).perform()
+    assert not browser.script("store.follow.value")
+    assert from_middle() > 50.0
 
 
-def test_a_followed_robot_is_in_the_middle_of_what_the_panel_leaves_free(browser: Browser) -> None:
+def test_the_map_fits_other_screens_and_what_the_panel_leaves_free(browser: Browser) -> None:
     browser.set_screen(390, 844)
     browser.press("#follow")
     apart = """(({x, y}, middle) => Math.hypot(x - middle.x, y - middle.y))(
@@ -619,21 +579,7 @@ def test_a_followed_robot_is_in_the_middle_of_what_the_panel_leaves_free(browser
     browser.show("state")
     eventually(lambda: browser.script("mapCanvas.view.middle.y") < whole, "the panel")
     eventually(lambda: browser.script(apart) < 1.0, "the robot in the middle")
-    browser.set_screen(600, 844)
-    eventually(lambda: browser.script("mapCanvas.view.width") == 600, "the other size")
-    assert browser.script(apart) < 1.0
-
-
-def test_shortcuts_of_the_browser_do_nothing_to_the_map(browser: Browser) -> None:
-    view = "[mapCanvas.view.scale, mapCanvas.view.centre]"
-    before = browser.script(view)
-    for key, held in (("+", "ctrlKey"), ("0", "metaKey"), ("ArrowLeft", "altKey")):
-        event = f"new KeyboardEvent('keydown', {{key: '{key}', {held}: true, cancelable: true}})"
-        assert browser.script(f"document.querySelector('#map').dispatchEvent({event})")
-    assert browser.script(view) == before
-
-
-def test_on_another_screen_everything_is_drawn_where_it_is_clicked(browser: Browser) -> None:
+    # everything is drawn where it is clicked
     for ratio in (1.5, 2):
         browser.set_screen(1280, 700, ratio)
         same = f"Math.abs(mapCanvas.canvas.width - {ratio} * mapCanvas.view.width) <= 1"
@@ -641,6 +587,7 @@ def test_on_another_screen_everything_is_drawn_where_it_is_clicked(browser: Brow
         drawn = "mapCanvas.context.getTransform().a * mapCanvas.view.width"
         width = browser.script("mapCanvas.canvas.width")
         assert browser.script(drawn) == pytest.approx(width, abs=1)
+        assert browser.script(apart) < 1.0
 
 
 def test_escape_stops_and_the_other_keys_do_what_the_focused_control_does(
@@ -730,38 +677,6 @@ def test_a_double_press_confirms_nothing(robot: SimulatedPage, browser: Browser)
     eventually(lambda: robot.counts[full_name(SwitchMap)] == 1, "the switch")
 
 
-def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
-    browser.show("map")
-    browser.press("#deploy")
-    eventually(lambda: browser.is_enabled("#map-name"), "the name of the map")
-    browser.element("#map-name").send_keys("ground")
-    browser.press("#add-map")
-    eventually(lambda: browser.script("store.robot.value.state") == "mapping", "mapping")
-    browser.drive(robot)
-    eventually(lambda: browser.script("store.map.value.resolution > 0"), "the growing map")
-    browser.release()
-    eventually(lambda: browser.text("#now").startswith("The robot is making a map"), "the state")
-    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
-    browser.press("#save-map")
-    eventually(lambda: "ground" in browser.text("#maps"), "the new map in the list")
-    eventually(lambda: browser.is_enabled("#collect-mark"), "the next step")
-    eventually(lambda: "Collect a mark" in browser.text("#mapping [aria-current=step]"), "its name")
-    assert browser.script("document.querySelector('#map-name').value") == ""
-    # a page that does not know whether a map was made urges to nothing
-    browser.driver.refresh()
-    browser.show("map")
-    eventually(lambda: browser.is_enabled("#collect-mark"), "the page to be loaded again")
-    assert not browser.elements("#mapping [aria-current=step], #mapping .primary")
-    row = next(each for each in browser.elements("#maps li") if each.text.startswith("ground"))
-    if "in use" not in row.text:
-        row.find_element("css selector", "button").click()
-        assert row.find_element("css selector", "b").rect["height"] < 30  # one line
-        confirm = row.find_element("css selector", "button.primary")
-        eventually(confirm.is_enabled, "the confirmation")
-        confirm.click()
-    eventually(lambda: browser.script("store.robot.value.map") == "ground", "the new map in use")
-
-
 def test_the_form_of_a_map_is_of_the_chosen_robot(serve: Serve, window: Browser) -> None:
     def fields() -> list[str]:
         return [str(window.script(f"document.querySelector({each!r}).value")) for each in _NAMES]
@@ -779,9 +694,7 @@ def test_the_form_of_a_map_is_of_the_chosen_robot(serve: Serve, window: Browser)
     assert fields() != ["wooshmap", ""]
 
 
-def test_a_map_is_begun_and_ended_only_if_the_robot_can(
-    robot: SimulatedPage, browser: Browser
-) -> None:
+def test_a_map_is_begun_only_if_the_robot_can(browser: Browser) -> None:
     def state() -> tuple[bool, bool, str]:
         on = [browser.is_enabled(each) for each in ("#add-map", "#update-map")]
         return on[0], on[1], browser.text("#mapping-off")
@@ -805,11 +718,24 @@ def test_a_map_is_begun_and_ended_only_if_the_robot_can(
     name("hall", "ground")
     eventually(lambda: state()[:2] == (True, False), "a new map")
     assert "Improve this map is off" in state()[2]
-    browser.press("#add-map")
-    eventually(lambda: browser.is_enabled("#save-map"), "mapping")
-    eventually(lambda: browser.script("store.map.value.resolution > 0"), "the growing map")
+
+
+def test_a_map_is_made(robot: SimulatedPage, browser: Browser) -> None:
     discard = ".steps [aria-current] .act :last-child"
-    assert browser.is_enabled(discard)
+    browser.show("map")
+    browser.press("#deploy")
+    eventually(lambda: browser.is_enabled("#map-name"), "the name of the map")
+    browser.element("#scene").clear()
+    for selector, text in zip(_NAMES, ("hall", "ground"), strict=True):
+        browser.element(selector).send_keys(text)
+    browser.press("#add-map")
+    eventually(lambda: browser.script("store.robot.value.state") == "mapping", "mapping")
+    browser.drive(robot)
+    eventually(lambda: browser.script("store.map.value.resolution > 0"), "the growing map")
+    browser.release()
+    eventually(lambda: browser.text("#now").startswith("The robot is making a map"), "the state")
+    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
+    eventually(lambda: browser.is_enabled(discard), "the choice")
     robot.inject("delay", seconds=6.0, type=full_name(BuildMap))
     again_if_slow(
         browser,
@@ -818,11 +744,18 @@ def test_a_map_is_begun_and_ended_only_if_the_robot_can(
         "the save",
     )
     assert not browser.is_enabled(discard)
-    # the next map is in the scene that the robot uses now
+    eventually(lambda: "ground" in browser.text("#maps"), "the new map in the list")
     eventually(lambda: browser.is_enabled("#collect-mark"), "the next step")
-    scene = "document.querySelector('#scene').value"
-    eventually(lambda: browser.script(scene) == "hall", "the new scene")
-    eventually(lambda: state() == (False, False, unnamed), "the empty name")
+    eventually(lambda: "Collect a mark" in browser.text("#mapping [aria-current=step]"), "its name")
+    # the next map is in the scene that the robot uses now
+    fields = "['#scene', '#map-name'].map((each) => document.querySelector(each).value)"
+    eventually(lambda: browser.script(fields) == ["hall", ""], "the new scene")
+    # a page that does not know whether a map was made urges to nothing
+    browser.driver.refresh()
+    browser.show("map")
+    eventually(lambda: browser.is_enabled("#collect-mark"), "the page to be loaded again")
+    assert not browser.elements("#mapping [aria-current=step], #mapping .primary")
+    eventually(lambda: browser.script("store.robot.value.map") == "ground", "the new map in use")
 
 
 def test_emergency_stop_lost_position_faults_and_obstacles(
@@ -875,26 +808,6 @@ def test_codes_are_filtered_and_plots_have_the_history(
     assert 0 < faults <= found
     eventually(lambda: len(browser.elements("#plots canvas")) == 3, "plots")
     eventually(lambda: "93 %" in browser.text("#plots"), "the battery")
-    # the clock of the dashboard is set back
-    browser.script("""(
-      (connection.command = async () => ({ok: true, data: {samples: [[1e9, 0, 57, 5, false]]}})),
-      (store.sample.value = [1e9, 0, 57, 5, false]))""")
-    eventually(lambda: "57 %" in browser.text("#plots"), "the history anew")
-
-
-def test_the_trend_of_the_battery_begins_when_charging_last_changed(browser: Browser) -> None:
-    def facts(was_charged: str) -> str:
-        """Show the state after an hour in which the battery was charged, and then used."""
-        browser.script(f"""connection.command = async () => ({{ok: true, data: {{samples:
-          [[1700, 20, true], [400, 99, {was_charged}], [0, 93, {was_charged}]].map(
-            ([age, power, charging]) => [Date.now() / 1000 - age, 0, power, 5, charging])}}}})""")
-        browser.show("go")
-        browser.show("state")
-        return browser.text("#facts")
-
-    browser.show("state")
-    eventually(lambda: "-54 % per hour" in facts("false"), "the trend")
-    eventually(lambda: "per hour" not in facts("true"), "no trend")
 
 
 def test_the_language_changes_everywhere(browser: Browser) -> None:

@@ -126,59 +126,55 @@ async def test_the_pose_of_a_robot_that_has_none_initialises_it() -> None:
             assert chassis.counts[full_name(SetRobotPose)] == 0
 
 
-@pytest.mark.parametrize(
-    ("fault", "name", "args", "reason"),
-    [
-        ("emergency_stop", "goMark", {"mark": "A2"}, "the emergency stop is pressed"),
-        ("key_switch", "controlMode", {"mode": "auto"}, "manual mode, set by its key switch"),
-    ],
-)
-async def test_a_refusal_says_why(
-    chassis: SimulatorThread, fault: str, name: str, args: dict[str, Any], reason: str
-) -> None:
+async def test_a_refusal_says_why(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
-        chassis.inject(fault)
-        await viewer.until(lambda parts: parts["robot"]["objections"])
-        assert reason in await viewer.refused(name, **args)
+        for fault, name, args, reason in (
+            ("emergency_stop", "goMark", {"mark": "A2"}, "the emergency stop is pressed"),
+            ("key_switch", "controlMode", {"mode": "auto"}, "manual mode, set by its key switch"),
+        ):
+            injected = chassis.inject(fault)
+            await viewer.until(lambda parts: parts["robot"]["objections"])
+            assert reason in await viewer.refused(name, **args)
+            injected.clear()
+            await viewer.until(lambda parts: not parts["robot"]["objections"])
 
 
-@pytest.mark.parametrize(
-    ("name", "args"),
-    [
-        ("fly", {}),
-        ("stopp", {}),
-        ("go", {}),
-        ("go", {"x": "1", "y": 0, "theta": 0}),
-        ("go", {"x": True, "y": 0, "theta": 0}),
-        ("go", {"x": math.nan, "y": 0, "theta": 0}),
-        ("go", {"x": math.inf, "y": 0, "theta": 0}),
-        ("go", {"x": 1e9, "y": 0, "theta": 0}),
-        ("go", {"x": 0, "y": 0, "theta": 10}),
-        ("goMark", {"mark": 7}),
-        ("speak", {"text": "x" * 201}),
-        ("speak", {"text": "\x00"}),
-        ("speak", {"text": "two\nlines"}),
-        ("speak", {"text": "\ud800"}),
-        ("workMode", {"mode": "fly"}),
-        ("controlMode", {"mode": 1}),
-        ("goMark", {"mark": "A2", "type": "fly"}),
-        ("goMark", {"mark": "A2", "number": -1}),
-        ("goMark", {"mark": "A2", "number": 1.5}),
-        ("sound", {"mute": 1, "volume": 50}),
-        ("sound", {"mute": False, "volume": 101}),
-        ("speedLimit", {"limit": 0.0}),
-        ("speedLimit", {"limit": True}),
-        ("buildMap", {"type": "save", "scene": "hall", "map": "ground"}),
-        ("plan", {"x": 0}),
-        ("fault", {"text": "emergency_stop"}),
-    ],
-)
-async def test_an_invalid_command_is_refused(
-    chassis: SimulatorThread, name: str, args: dict[str, Any]
-) -> None:
+_INVALID: list[tuple[str, dict[str, Any]]] = [
+    ("fly", {}),
+    ("stopp", {}),
+    ("go", {}),
+    ("go", {"x": "1", "y": 0, "theta": 0}),
+    ("go", {"x": True, "y": 0, "theta": 0}),
+    ("go", {"x": math.nan, "y": 0, "theta": 0}),
+    ("go", {"x": math.inf, "y": 0, "theta": 0}),
+    ("go", {"x": 1e9, "y": 0, "theta": 0}),
+    ("go", {"x": 0, "y": 0, "theta": 10}),
+    ("goMark", {"mark": 7}),
+    ("speak", {"text": "x" * 201}),
+    ("speak", {"text": "\x00"}),
+    ("speak", {"text": "two\nlines"}),
+    ("speak", {"text": "\ud800"}),
+    ("workMode", {"mode": "fly"}),
+    ("controlMode", {"mode": 1}),
+    ("goMark", {"mark": "A2", "type": "fly"}),
+    ("goMark", {"mark": "A2", "number": -1}),
+    ("goMark", {"mark": "A2", "number": 1.5}),
+    ("sound", {"mute": 1, "volume": 50}),
+    ("sound", {"mute": False, "volume": 101}),
+    ("speedLimit", {"limit": 0.0}),
+    ("speedLimit", {"limit": True}),
+    ("buildMap", {"type": "save", "scene": "hall", "map": "ground"}),
+    ("plan", {"x": 0}),
+    ("fault", {"text": "emergency_stop"}),
+]
+"""Commands that no page sends."""
+
+
+async def test_an_invalid_command_is_refused(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         before = chassis.counts
-        assert await viewer.refused(name, **args)
+        for name, args in _INVALID:
+            assert await viewer.refused(name, **args), (name, args)
         assert chassis.counts[full_name(ExecTask)] == before[full_name(ExecTask)]
 
 
@@ -263,21 +259,20 @@ async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
         await hold(viewer, lambda: is_driving(chassis))
 
 
-@pytest.mark.parametrize(
-    ("name", "shown", "sent"),
-    [("go", "Go", ExecTask), ("goMark", "Go", ExecTask), ("setPose", "Set pose", SetRobotPose)],
-)
-async def test_a_place_of_another_map_is_not_sent(
-    chassis: SimulatorThread, name: str, shown: str, sent: Any
-) -> None:
-    place = {"mark": "A2"} if name == "goMark" else {"x": 0.0, "y": 0.0, "theta": 0.0}
+async def test_a_place_of_another_map_is_not_sent(chassis: SimulatorThread) -> None:
+    point = {"x": 0.0, "y": 0.0, "theta": 0.0}
     async with controlled(chassis) as viewer:
-        for other in ({"map": "scenex"}, {"scene": "scenex"}, {"map": None}, {"version": -1}):
-            reason = "the robot uses another map than the page has shown: wooshmap"
-            answer = await viewer.command(name, **{**place, **other})
-            assert answer == (False, f"{shown} was not sent: {reason}")
-        assert chassis.counts[full_name(sent)] == 0
-        await viewer.give(name, **place)
+        for name, shown, place in (
+            ("go", "Go", point),
+            ("goMark", "Go", {"mark": "A2"}),
+            ("setPose", "Set pose", point),
+        ):
+            for other in ({"map": "scenex"}, {"scene": "scenex"}, {"map": None}, {"version": -1}):
+                reason = "the robot uses another map than the page has shown: wooshmap"
+                answer = await viewer.command(name, **{**place, **other})
+                assert answer == (False, f"{shown} was not sent: {reason}")
+        assert not {full_name(ExecTask), full_name(SetRobotPose)} & set(chassis.counts)
+        await viewer.give("goMark", mark="A2")
 
 
 async def test_a_map_whose_version_a_browser_would_round_is_used(chassis: SimulatorThread) -> None:
@@ -292,18 +287,24 @@ async def test_a_map_whose_version_a_browser_would_round_is_used(chassis: Simula
         await viewer.give("go", x=0.0, y=0.0, theta=0.0, version=version)
 
 
-@pytest.mark.parametrize("name", ["go", "goMark", "continue", "setPose", "workMode", "controlMode"])
-async def test_a_late_command_is_not_sent(chassis: SimulatorThread, name: str) -> None:
+async def test_a_late_command_is_not_sent(chassis: SimulatorThread) -> None:
+    place = {"x": 1.0, "y": 0.0, "theta": 0.0}
     async with controlled(chassis) as viewer:
         before = chassis.counts
-        mode = "manual" if name == "controlMode" else "deploy"
-        args = {"x": 1.0, "y": 0.0, "theta": 0.0, "mark": "A2", "mode": mode}
-        ok, text = await viewer.command_at(0, name, **args)
-        assert not ok
-        assert text.endswith(f" was not sent: {TOO_SLOW}")
+        for name, args in (
+            ("go", place),
+            ("goMark", {"mark": "A2"}),
+            ("continue", {}),
+            ("setPose", place),
+            ("workMode", {"mode": "deploy"}),
+            ("controlMode", {"mode": "manual"}),
+        ):
+            ok, text = await viewer.command_at(0, name, **args)
+            assert not ok
+            assert text.endswith(f" was not sent: {TOO_SLOW}")
         assert viewer.parts["control"]["owner"] is None
-        changed = chassis.counts - before
-        assert not {full_name(cls) for cls in (ExecTask, ActionOrder, SetRobotPose)} & set(changed)
+        commands = (ExecTask, ActionOrder, SetRobotPose, SwitchWorkMode, SwitchControlMode)
+        assert not {full_name(cls) for cls in commands} & set(chassis.counts - before)
 
 
 @pytest.mark.parametrize("direction", ["to the robot", "to the page"])
@@ -538,26 +539,24 @@ async def test_a_press_may_rest_in_the_middle_of_the_stick(chassis: SimulatorThr
         await asyncio.wait_for(rest(), TIMEOUT)
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"linear": 101.0},
-        {"linear": math.nan},
-        {"linear": "1"},
-        {"linear": True},
-        {"angular": None},
-        {"angular": -math.inf},
-        {"press": 1e16},
-        {"clock": 1e16},
-    ],
-)
-async def test_an_invalid_velocity_ends_the_connection(
-    chassis: SimulatorThread, wrong: dict[str, Any]
-) -> None:
-    async with controlled(chassis) as viewer:
-        velocity = {"linear": 0.3, "angular": 0.0, "press": 1, "clock": viewer.parts["clock"]}
-        await viewer.send(do="drive", **{**velocity, **wrong})
-        assert await viewer.closed() == 1008
+async def test_an_invalid_velocity_ends_the_connection(chassis: SimulatorThread) -> None:
+    async with dashboard(chassis, control=True) as running:
+        for wrong in (
+            {"linear": 101.0},
+            {"linear": math.nan},
+            {"linear": "1"},
+            {"linear": True},
+            {"angular": None},
+            {"angular": -math.inf},
+            {"press": 1e16},
+            {"clock": 1e16},
+        ):
+            async with page(running) as viewer:
+                await viewer.ready()
+                clock = await viewer.until(lambda parts: parts["clock"])
+                usual = {"linear": 0.3, "angular": 0.0, "press": 1, "clock": clock}
+                await viewer.send(do="drive", **{**usual, **wrong})
+                assert await viewer.closed() == 1008, wrong
         assert chassis.counts[TWIST] == 0
 
 
@@ -644,7 +643,8 @@ async def test_a_robot_that_stops_obeying_ends_the_press(
             await eventually(lambda: is_driving(chassis))
             injected = chassis.inject(fault, **options[fault])
             await viewer.until(lambda _: any(reason in each for each in viewer.refusals))
-            await eventually(lambda: is_stopped_by_zero(chassis))
+            # on a busy machine, a zero that is late is not sent, and the chassis stops by itself
+            await eventually(lambda: chassis.state.velocity.forward == 0.0)
             injected.clear()
             before = len(chassis.received)
             await viewer.passed(2.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 import pytest
 
@@ -19,6 +20,8 @@ pytestmark = pytest.mark.timeout(300)
 _GO = "connection.command('goMark', {mark: 'A2', ...store.shownMap.value})"
 _BOXES = """Object.fromEntries(["#pause", "#continue", "#cancel", "#go"].map((id) =>
   [id, document.querySelector(".doing " + id)?.getBoundingClientRect().toJSON()]))"""
+_SIZES = ((360, 640), (844, 390), (1024, 768), (1440, 900))
+"""Sizes of the screens of a phone, of one that is turned, of a tablet and of a notebook."""
 _FOCUS_BESIDE = "document.activeElement.matches('.doing .act')"
 _CLIPPED = """[...document.querySelectorAll(".doing .act button")]
   .filter((each) => each.scrollWidth > each.clientWidth).map((each) => each.innerText)"""
@@ -31,38 +34,56 @@ def start_task(browser: Browser, robot: SimulatedPage) -> None:
     eventually(lambda: browser.is_enabled(".doing #pause"), "the pause")
 
 
+def pause_a_task(browser: Browser, robot: SimulatedPage) -> None:
+    """Send the robot on a long way, and pause that."""
+    start_task(browser, robot)
+    eventually(lambda: browser.script("connection.command('pause')")["ok"], "the pause")
+    eventually(lambda: browser.is_enabled(".doing #continue"), "the paused task")
+    set_speed(robot, 1.0)
+
+
+def is_stick_off(browser: Browser) -> bool:
+    return "off" in browser.element("#stick").get_attribute("class").split()
+
+
 def enter(browser: Browser, *, repeat: bool) -> None:
     event = {"key": "Enter", "code": "Enter", "windowsVirtualKeyCode": 13, "text": "\r"}
     down = {"type": "keyDown", "autoRepeat": repeat, **event}
     browser.send("Input.dispatchKeyEvent", **down)
 
 
-@pytest.mark.parametrize(("width", "height"), [(360, 640), (844, 390), (1024, 768), (1440, 900)])
-def test_a_repeated_press_of_pause_starts_nothing(
-    robot: SimulatedPage, window: Browser, width: int, height: int
-) -> None:
+def test_a_repeated_press_of_pause_starts_nothing(robot: SimulatedPage, window: Browser) -> None:
     def continued() -> bool:
         orders = [each.message for each in robot.received]
         return ActionOrder(order=action.kContinue) in orders
 
-    window.set_screen(width, height)
+    def boxes() -> Any:
+        """Return where the buttons are, by the size of the screen."""
+        found = {}
+        for width, height in _SIZES:
+            window.set_screen(width, height)
+            eventually(lambda width=width: window.script("innerWidth") == width, "the size")
+            found[width] = window.script(_BOXES)
+            assert window.script(_CLIPPED) == []
+        return found
+
     window.open(robot.url)
     window.show("go")
     window.choose_mark()
-    go = window.script(_BOXES)["#go"]
+    before = boxes()
     start_task(window, robot)
-    boxes = window.script(_BOXES)
-    assert boxes["#go"] is None
-    for other in ("#pause", "#cancel"):
-        assert are_apart(go, boxes[other]), other
-    assert window.script(_CLIPPED) == []
+    during = boxes()
+    for width, _ in _SIZES:
+        assert during[width]["#go"] is None
+        for other in ("#pause", "#cancel"):
+            assert are_apart(before[width]["#go"], during[width][other]), (width, other)
     pause = window.middle(".doing #pause")
     window.touch("touchStart", pause)
     window.touch("touchEnd")
     eventually(lambda: window.is_enabled(".doing #continue"), "the pause")
     window.touch("touchStart", pause)
     window.touch("touchEnd")
-    assert window.script(_BOXES) == boxes
+    assert boxes() == during
     assert not window.is_enabled(".doing #pause")
     # a key that is held presses once, whatever it finds
     scale = window.script("mapCanvas.view.scale")
@@ -75,34 +96,34 @@ def test_a_repeated_press_of_pause_starts_nothing(
     window.press(".doing #continue")
     eventually(lambda: window.is_enabled(".doing #pause"), "the task to go on")
     assert continued()
-    assert window.script(_BOXES) == boxes
+    assert boxes() == during
 
 
-@pytest.mark.parametrize("reload", [False, True])
 def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(
-    robot: SimulatedPage, browser: Browser, reload: bool
+    robot: SimulatedPage, browser: Browser
 ) -> None:
     start_task(browser, robot)  # takes the control
     set_speed(robot, 1.0)  # it turns first
     eventually(lambda: browser.script("store.pose.value.linear") > 0, "the robot to drive")
     other = robot.enter(page(robot.url))
-    robot.inject("freeze")
-    stop = robot.begin(other.command("stop"))
-    eventually(lambda: browser.text("#answer").endswith("stopping"), "the stop")
-    eventually(lambda: browser.text("#alarm"), "the alarm of the other's stop")
-    assert browser.text("#answer").endswith("if the robot moves, press its emergency stop")
-    assert browser.script("answer.scrollWidth <= answer.clientWidth"), "it is not cut"
-    browser.press("#alarm summary")
-    assert "NOT STOPPED: the chassis did not answer the request" in browser.text("#alarm")
-    assert "woosh." not in browser.text("#alarm")
-    if reload:
-        browser.driver.refresh()
-        eventually(lambda: browser.text("#alarm"), "the alarm after a reload")
-    assert not stop.result(TIMEOUT)[0]
-    set_speed(robot, 20.0)
-    robot.clear_faults()
-    eventually(lambda: not browser.text("#alarm"), "the robot to be seen to stand still")
-    assert reload or "The alarm has ended" in browser.text("#answer")
+    for reload in (False, True):
+        freeze = robot.inject("freeze")
+        stop = robot.begin(other.command("stop"))
+        eventually(lambda: browser.text("#answer").endswith("stopping"), "the stop")
+        eventually(lambda: browser.text("#alarm"), "the alarm of the other's stop")
+        assert browser.text("#answer").endswith("if the robot moves, press its emergency stop")
+        assert browser.script("answer.scrollWidth <= answer.clientWidth"), "it is not cut"
+        browser.press("#alarm summary")
+        assert "NOT STOPPED: the chassis did not answer the request" in browser.text("#alarm")
+        assert "woosh." not in browser.text("#alarm")
+        if reload:
+            browser.driver.refresh()
+            eventually(lambda: browser.text("#alarm"), "the alarm after a reload")
+        assert not stop.result(TIMEOUT)[0]
+        set_speed(robot, 20.0)
+        freeze.clear()
+        eventually(lambda: not browser.text("#alarm"), "the robot to be seen to stand still")
+        assert reload or "The alarm has ended" in browser.text("#answer")
 
 
 def test_a_go_is_off_while_it_is_sent_and_a_task_keeps_its_buttons(
@@ -149,48 +170,36 @@ def test_a_task_that_waits_for_an_obstacle_is_not_shown_as_paused(window: Browse
                 robot.clear_faults()
 
 
-@pytest.mark.parametrize(("width", "height"), [(360, 740), (1024, 768), (1440, 900)])
-def test_the_dock_shows_all_of_its_texts(
-    robot: SimulatedPage, window: Browser, width: int, height: int
-) -> None:
-    def hidden() -> int:
-        return int(window.script("now.scrollHeight - now.clientHeight"))
+def check_whole(browser: Browser) -> None:
+    """Check that the dock shows all of its texts on screens of several sizes."""
+    for width, height in ((360, 740), (1024, 768), (1440, 900)):
+        browser.set_screen(width, height)
+        eventually(lambda width=width: browser.script("innerWidth") == width, "the size")
+        hidden = browser.script("now.scrollHeight - now.clientHeight")
+        assert hidden == 0, (width, browser.text("#now"))
 
-    window.set_screen(width, height)
-    window.open(robot.url)
-    start_task(window, robot)
+
+def test_the_dock_shows_all_of_its_texts(robot: SimulatedPage, browser: Browser) -> None:
+    start_task(browser, robot)
     keeps = "Pause keeps the task; STOP ends it"
-    eventually(lambda: re.search(rf"\d m to go · {keeps}$", window.text("#now")), "the way left")
-    assert "cancel its task" in window.element("#stop").get_attribute("title")
-    assert hidden() == 0, window.text("#now")
-    window.script("connection.command('speedLimit', {limit: 0.2})")
-    eventually(lambda: "Speed limit: 0.2 m/s." in window.text("#now"), "the speed limit")
-    assert hidden() == 0, window.text("#now")
-    window.script("connection.command('speedLimit', {limit: null})")
-    eventually(lambda: "limit" not in window.text("#now"), "its end")
-    window.click_at(1.0, -6.0)
-    eventually(lambda: window.script("store.target.value?.plan?.length > 0"), "its way")
-    eventually(lambda: "executing a task" in window.text("#now"), "why Go is off")
-    assert hidden() == 0, window.text("#now")
-    title, dismiss = (window.element(each).rect for each in ("#now b", "#dismiss"))
+    eventually(lambda: re.search(rf"\d m to go · {keeps}$", browser.text("#now")), "the way left")
+    assert "cancel its task" in browser.element("#stop").get_attribute("title")
+    check_whole(browser)
+    browser.script("connection.command('speedLimit', {limit: 0.2})")
+    eventually(lambda: "Speed limit: 0.2 m/s." in browser.text("#now"), "the speed limit")
+    check_whole(browser)
+    browser.script("connection.command('speedLimit', {limit: null})")
+    eventually(lambda: "limit" not in browser.text("#now"), "its end")
+    browser.click_at(1.0, -6.0)
+    eventually(lambda: browser.script("store.target.value?.plan?.length > 0"), "its way")
+    eventually(lambda: "executing a task" in browser.text("#now"), "why Go is off")
+    check_whole(browser)
+    title, dismiss = (browser.element(each).rect for each in ("#now b", "#dismiss"))
     assert title["y"] + title["height"] <= dismiss["y"]
-    window.press("#dismiss")
-    window.press(".doing #pause")
-    eventually(lambda: window.is_enabled(".doing #continue"), "the paused task")
-    assert keeps in window.text("#now")
-    for fault, remedy in (
-        ("emergency_stop", "release the button"),
-        ("key_switch", "Turn the key switch"),
-        ("lost_localisation", "Choose Set pose"),
-    ):
-        hindrance = robot.inject(fault)
-        eventually(lambda remedy=remedy: remedy in window.text("#now"), fault)
-        assert hidden() == 0, window.text("#now")
-        # what the stick may need is not hidden
-        assert window.element("#slow").is_displayed()
-        assert window.element("#keyboard").is_displayed()
-        hindrance.clear()
-        eventually(lambda: window.is_enabled(".doing #continue"), "the end of it")
+    browser.press("#dismiss")
+    browser.press(".doing #pause")
+    eventually(lambda: browser.is_enabled(".doing #continue"), "the paused task")
+    assert keeps in browser.text("#now")
 
 
 def test_the_target_beside_a_paused_task_can_be_dropped(
@@ -239,46 +248,55 @@ def test_what_became_of_a_go_replaces_its_acceptance(
     assert ":" in browser.text("#ended li:nth-child(2) small")  # the time
 
 
-@pytest.mark.parametrize(
-    ("fault", "says", "remedy", "drives"),
-    [
+def test_the_dock_says_what_the_banner_says(robot: SimulatedPage, browser: Browser) -> None:
+    assert "Press a place" in browser.text("#now")
+    assert "Hold the stick" in browser.text("#now")
+    for fault, says, remedy, drives in (
         ("emergency_stop", "The emergency stop is pressed", "release the button", False),
         ("key_switch", "The robot is in manual mode", "Turn the key switch", True),
         ("lost_localisation", "The robot has lost its position", "Choose Set pose", True),
-        ("freeze", "No data for", "", False),
-        ("off", "Connection lost", "", False),
-    ],
-)
-def test_the_dock_says_what_the_banner_says(
-    robot: SimulatedPage, browser: Browser, fault: str, says: str, remedy: str, drives: bool
+    ):
+        pause_a_task(browser, robot)
+        hindrance = robot.inject(fault)
+        eventually(lambda: not browser.is_enabled(".doing #continue"), "Continue to be off")
+        assert is_stick_off(browser) != drives
+        assert remedy in browser.text("#now")
+        check_whole(browser)
+        # what the stick may need is not hidden
+        assert browser.element("#slow").is_displayed()
+        assert browser.element("#keyboard").is_displayed()
+        browser.press(".doing #cancel")
+        eventually(lambda: "Paused" not in browser.text("#now"), "the end of the task")
+        assert says in browser.text("#now")
+        assert remedy in browser.text("#now")
+        assert "Press a place" not in browser.text("#now")
+        assert browser.script("mapCanvas.picture().lost") == (fault == "lost_localisation")
+        assert ("Hold the stick" in browser.text("#now")) == (fault == "lost_localisation")
+        browser.click_at(1.0, -6.0)
+        eventually(lambda says=says: says in browser.text("#now"), "the reason in the preview")
+        assert not browser.is_enabled("#go")
+        browser.press("#dismiss")
+        hindrance.clear()
+        eventually(lambda: "Press a place" in browser.text("#now"), "the end of the fault")
+
+
+def test_a_robot_that_is_silent_or_lost_is_not_commanded(
+    robot: SimulatedPage, browser: Browser
 ) -> None:
-    assert "Press a place" in browser.text("#now")
-    assert "Hold the stick" in browser.text("#now")
-    start_task(browser, robot)
-    eventually(lambda: browser.script("connection.command('pause')")["ok"], "the pause")
-    eventually(lambda: browser.is_enabled(".doing #continue"), "the paused task")
-    set_speed(robot, 1.0)
-    robot.inject(fault)
-    eventually(lambda: not browser.is_enabled(".doing #continue"), "Continue to be off")
-    assert browser.is_enabled(".doing #cancel") == (fault != "off")
-    stick = browser.element("#stick")
-    assert ("off" in stick.get_attribute("class").split()) != drives
+    pause_a_task(browser, robot)
     browser.show("setup")
-    assert browser.is_enabled("#mute") == (fault not in ("freeze", "off"))
-    if fault in ("freeze", "off"):
-        assert "last known state" in browser.text("#now")
-        return
-    assert remedy in browser.text("#now")
-    browser.press(".doing #cancel")
-    eventually(lambda: "Paused" not in browser.text("#now"), "the end of the task")
-    assert says in browser.text("#now")
-    assert remedy in browser.text("#now")
-    assert "Press a place" not in browser.text("#now")
-    assert browser.script("mapCanvas.picture().lost") == (fault == "lost_localisation")
-    assert ("Hold the stick" in browser.text("#now")) == (fault == "lost_localisation")
-    browser.click_at(1.0, -6.0)
-    eventually(lambda: says in browser.text("#now"), "the reason in the preview")
-    assert not browser.is_enabled("#go")
+    eventually(lambda: browser.is_enabled("#mute"), "the setting")
+    for fault in ("freeze", "off"):
+        robot.clear_faults()
+        eventually(lambda: browser.is_enabled(".doing #continue"), "the robot")
+        robot.inject(fault)
+        eventually(lambda: not browser.is_enabled(".doing #continue"), "Continue to be off")
+        eventually(lambda: "last known state" in browser.text("#now"), "the reason")
+        assert is_stick_off(browser)
+        assert not browser.is_enabled("#mute")
+        if fault == "freeze":  # what ends a motion is tried
+            assert browser.is_enabled(".doing #cancel")
+    eventually(lambda: not browser.is_enabled(".doing #cancel"), "Cancel to be off")
 
 
 def test_what_another_viewer_controls_is_off(robot: SimulatedPage, browser: Browser) -> None:
@@ -292,7 +310,7 @@ def test_what_another_viewer_controls_is_off(robot: SimulatedPage, browser: Brow
     robot.run(other.until(lambda parts: parts["control"]["owner"] is None))
     robot.run(other.command("speedLimit", limit=0.5))
     eventually(lambda: not browser.is_enabled(".doing #pause"), "Pause to be off")
-    assert "off" in browser.element("#stick").get_attribute("class").split()
+    assert is_stick_off(browser)
     assert browser.is_enabled("#stop")
     eventually(lambda: "Speed limit: 0.5 m/s" in browser.text("#now"), "it during the task")
     browser.show("state")
@@ -315,7 +333,12 @@ def test_what_is_off_says_why(robot: SimulatedPage, browser: Browser) -> None:
 
     browser.press("#layers")
     assert "this page shows one robot" in browser.text(".menu")
-    browser.press("#layers")
+    # the menu closes when the focus leaves it
+    browser.script("document.querySelector('.menu label:last-child').click()")
+    assert browser.element(".menu").is_displayed()
+    browser.script("document.querySelector('.menu input').focus()")
+    browser.script("document.querySelector('#map').focus()")
+    eventually(lambda: browser.script("!document.querySelector('.menu')"), "its end")
     assert browser.is_enabled("#park")
     assert "no parking place" in shown_with("map", "marks: []", "#no-parking")
     accepted = shown_with(
@@ -351,7 +374,9 @@ def test_what_ends_a_motion_is_on_though_the_page_is_no_longer_updated(
     assert browser.is_enabled(".doing #cancel")
 
 
-def test_a_button_that_is_off_looks_off_and_a_mark_ends_set_pose(browser: Browser) -> None:
+def test_what_is_off_looks_off_while_a_pose_is_set_or_kept(
+    robot: SimulatedPage, browser: Browser
+) -> None:
     colours = """((button) => {
       const {backgroundColor, color} = getComputedStyle(button);
       const probe = document.body.appendChild(document.createElement("i"));
@@ -367,10 +392,8 @@ def test_a_button_that_is_off_looks_off_and_a_mark_ends_set_pose(browser: Browse
     browser.show("go")
     browser.choose_mark()
     assert not browser.script(colours % "#go")
-    assert browser.script("store.tool.value") == "go"
-
-
-def test_keep_pose_shows_that_it_runs(robot: SimulatedPage, browser: Browser) -> None:
+    assert browser.script("store.tool.value") == "go", "a mark ends Set pose"
+    # keep pose shows that it runs
     for fault in ("refuse", "lose_answer"):
         robot.inject(fault, type=full_name(InitRobot))
     robot.inject("lost_localisation")
@@ -416,13 +439,3 @@ def test_a_way_is_planned_anew_once_the_robot_stands_elsewhere(
       Math.hypot(store.pose.value.x - store.target.value.plan.path[0][0],
                  store.pose.value.y - store.target.value.plan.path[0][1]) < 0.3"""
     eventually(lambda: browser.script(near), "the way from where the robot stands")
-
-
-def test_the_menu_of_layers_closes_when_the_focus_leaves_it(browser: Browser) -> None:
-    browser.press("#layers")
-    eventually(lambda: browser.element(".menu").is_displayed(), "the menu")
-    browser.script("document.querySelector('.menu label:last-child').click()")
-    assert browser.element(".menu").is_displayed()
-    browser.script("document.querySelector('.menu input').focus()")
-    browser.script("document.querySelector('#map').focus()")
-    eventually(lambda: browser.script("!document.querySelector('.menu')"), "its end")

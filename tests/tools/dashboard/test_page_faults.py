@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import os
-import signal
 import socket
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,10 +14,9 @@ import pytest
 
 from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import set_speed
-from tests.tools.dashboard.browsers import Browser, SimulatedPage, chromium, eventually
+from tests.tools.dashboard.browsers import Browser, RobotThread, SimulatedPage, eventually
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import (
-    TOO_SLOW,
     Delay,
     delayed,
     is_driving,
@@ -35,7 +32,6 @@ from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import server
-from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -44,42 +40,20 @@ _DISCONNECT = "(connection.connect = () => connection.socket, connection.socket.
 """Ends the connection of the page, which does not connect again."""
 
 
-def own_port() -> list[str]:
-    """Return options with a free port, which a dashboard keeps when it is started again."""
+def own_port() -> int:
+    """Return a free port, which a dashboard keeps when it is started again."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        return ["--page-port", str(taken.getsockname()[1])]
+        return int(taken.getsockname()[1])
 
 
-def test_the_stick_drives_until_the_driver_goes_away(robot: SimulatedPage, tabs: Browser) -> None:
-    tabs.drive(robot)
-    tabs.driver.switch_to.new_window("tab")
-    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
+@pytest.fixture
+def plain_robot() -> Iterator[RobotThread]:
+    """A simulated robot without a page."""
+    with RobotThread() as running:
+        yield running
 
 
-def test_a_killed_browser_stops_the_robot(robot: SimulatedPage) -> None:
-    # the end of the browser fails after the kill
-    with contextlib.suppress(Exception), chromium(with_tabs=True) as browser:
-        browser.open(robot.url)
-        browser.drive(robot)
-        os.kill(browser.driver.capabilities["goog:processID"], signal.SIGKILL)
-        eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
-    assert is_stopped_by_zero(robot)
-
-
-def test_a_stop_of_another_operator_ends_the_press(robot: SimulatedPage, browser: Browser) -> None:
-    browser.drive(robot)
-    ok, reason = robot.run(robot.enter(page(robot.url)).command("stop"))
-    assert ok, reason
-    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
-    eventually(lambda: browser.script("store.held.value === null"), "the page to let go")
-    # the pointer is still down
-    browser.actions().move_by_offset(10, 10).move_by_offset(-10, -10).perform()
-    assert browser.script("store.held.value === null")
-    assert not browser.script("document.querySelector('#stick').hasPointerCapture(1)")
-    browser.drive(robot)  # another press drives
-
-
-def test_one_of_two_operators_drives_and_the_other_sees_it(
+def test_one_of_two_operators_drives_and_both_may_stop(
     robot: SimulatedPage, browser: Browser
 ) -> None:
     other = robot.enter(page(robot.url))
@@ -92,9 +66,18 @@ def test_one_of_two_operators_drives_and_the_other_sees_it(
     assert robot.counts[full_name(Twist)] == 0
     browser.press("#stop")  # everybody may
     eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
-    robot.run(other.socket.close())
+    robot.run(other.send(do="release"))
     eventually(lambda: "Nobody" in browser.text("#owner"), "the end of the other's control")
     browser.drive(robot)
+    ok, reason = robot.run(other.command("stop"))
+    assert ok, reason
+    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
+    eventually(lambda: browser.script("store.held.value === null"), "the page to let go")
+    # the pointer is still down
+    browser.actions().move_by_offset(10, 10).move_by_offset(-10, -10).perform()
+    assert browser.script("store.held.value === null")
+    assert not browser.script("document.querySelector('#stick').hasPointerCapture(1)")
+    browser.drive(robot)  # another press drives
 
 
 def test_a_robot_that_freezes_is_noticed_while_it_drives(
@@ -106,21 +89,16 @@ def test_a_robot_that_freezes_is_noticed_while_it_drives(
     assert "last known state" in browser.text("#notice")
     assert "m/s" not in browser.text("#now")
     assert browser.script("store.held.value === null")
-    robot.clear_faults()
-    eventually(lambda: browser.script("!store.outdated.value"), "the robot")
-    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
-
-
-def test_a_banner_stays_as_it_was_folded_while_its_seconds_count(
-    robot: SimulatedPage, browser: Browser
-) -> None:
+    # a banner stays as it was folded while its seconds count
+    browser.release()
     browser.set_screen(390, 844)
-    robot.inject("freeze")
-    eventually(lambda: "No data for" in browser.text("#notice"), "the silence")
     browser.press("#notice summary")
     title = browser.text("#notice b")
     eventually(lambda: browser.text("#notice b") != title, "another second")
     assert "last known state" in browser.text("#notice")
+    robot.clear_faults()
+    eventually(lambda: browser.script("!store.outdated.value"), "the robot")
+    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
 
 
 def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_alarm(
@@ -144,29 +122,9 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
     assert browser.text("#answer") == ""
 
 
-def test_over_a_slow_connection_nothing_drives_but_stop_works(
-    robot: SimulatedPage, window: Browser
-) -> None:
-    delay = Delay()
-    url = robot.enter(dashboard_beside(robot.call(lambda simulator: simulator), 0))
-    port = robot.enter(delayed(url, delay))
-    window.open(f"http://127.0.0.1:{port}/")
-    delay.there = delay.back = 0.4
-    former = window.script("store.sample.value")
-    eventually(lambda: window.script("store.sample.value") != former, "late parts")
-    window.push_stick()
-    eventually(lambda: TOO_SLOW in window.text("#answer"), "the refusal")
-    assert window.script("store.held.value === null")
-    window.release()
-    assert not is_driving(robot)
-    window.press("#stop")
-    eventually(lambda: "stopped" in window.text("#answer"), "the stop")
-    assert robot.counts[full_name(Twist)] == 1
-
-
 def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Path) -> None:
     marks = "".join(
-        f"      - {{number: M{n}, pose: [2, 2, 0], description: {'x' * 70}}}\n" for n in range(1900)
+        f"      - {{number: M{n}, pose: [2, 2, 0], description: {'x' * 70}}}\n" for n in range(1200)
     )
     (tmp_path / "scene.yaml").write_text(
         "name: hall\nmaps:\n  - name: ground\n    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
@@ -180,7 +138,7 @@ def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Pat
         former = window.script("store.you.value")
         window.script("(store.map.value = null, connection.socket.close())")
         eventually(lambda: window.script("store.you.value") != former, "the new connection")
-        eventually(lambda: window.script("store.map.value?.marks?.length === 1900"), "the map")
+        eventually(lambda: window.script("store.map.value?.marks?.length === 1200"), "the map")
         assert window.script("!store.outdated.value")
         window.driver.get("about:blank")
 
@@ -228,13 +186,13 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways(
 
 
 def test_a_page_whose_address_is_no_longer_valid_says_so(
-    chassis: SimulatorThread, window: Browser
+    plain_robot: RobotThread, window: Browser
 ) -> None:
-    options = ["--host", "0.0.0.0", *own_port()]
-    with program(chassis, options=options) as (_, url):
+    options = {"host": "0.0.0.0", "port": own_port()}
+    with plain_robot.serving(**options) as url:
         window.open(f"http://127.0.0.1:{urlsplit(url).port}/?{urlsplit(url).query}")
     eventually(lambda: "No connection to the dashboard" in window.text("#notice"), "the loss")
-    with program(chassis, options=options) as (_, url):  # with other tokens
+    with plain_robot.serving(**options) as url:  # with other tokens
         eventually(lambda: "open the new address" in window.text("#notice"), "the refusal")
         window.press("#stop")
         eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
@@ -242,7 +200,7 @@ def test_a_page_whose_address_is_no_longer_valid_says_so(
 
 
 def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: Browser) -> None:
-    options = own_port()
+    options = ["--page-port", str(own_port())]
     with program(chassis, options=options) as (process, url):
         window.open(url)
         process.kill()
@@ -253,6 +211,7 @@ def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: 
     window.press("#marks li:nth-child(2) button")
     eventually(lambda: "no path" in window.text("#now"), "the preview without a way")
     assert not window.is_enabled("#go")
+    window.show("state")
     chassis.inject("refuse")
     with program(chassis, options=options):
         eventually(lambda: window.script("store.problem.value === ''"), "the new dashboard")
@@ -262,46 +221,55 @@ def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: 
         window.wait_for_map()
         eventually(lambda: window.text("#alarm") == "", "the end of the alarm")
         eventually(lambda: " m" in window.text("#now .way"), "the way, asked again")
+        eventually(lambda: "93 %" in window.text("#plots"), "the history")
 
 
-def test_a_page_that_may_no_longer_stop_says_so(chassis: SimulatorThread, window: Browser) -> None:
+def test_a_page_that_may_no_longer_stop_says_so(plain_robot: RobotThread, window: Browser) -> None:
     from selenium.webdriver.common.keys import Keys
 
-    options = own_port()
-    with program(chassis, options=options) as (_, url):
+    port = own_port()
+    with plain_robot.serving(port=port) as url:
         window.open(url)
-    with program(chassis, options=options, control=False):
+    with plain_robot.serving(port=port, control=False):
         eventually(lambda: "no longer stop" in window.text("#notice"), "the loss of control")
         assert "--control" in window.text("#notice")
         assert not window.elements("#stop, #stick")
         window.actions().send_keys(Keys.ESCAPE).perform()
         eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
-    with program(chassis, options=options):
+    with plain_robot.serving(port=port):
         eventually(lambda: window.elements("#stop"), "the control")
         assert "no longer stop" not in window.text("#notice")
 
 
-def test_a_page_appears_without_storage_and_once_its_texts_can_be_loaded(
-    robot: SimulatedPage, window: Browser
-) -> None:
+def test_what_could_not_be_loaded_is_loaded_later(robot: SimulatedPage, window: Browser) -> None:
     storage = "Object.defineProperty(window, 'localStorage', {get() { throw new Error('off'); }})"
     window.send("Page.addScriptToEvaluateOnNewDocument", source=storage)
     window.send("Network.enable")
-    window.send("Network.setBlockedURLs", urls=["*/texts/*"])
+    window.send("Network.setBlockedURLs", urls=["*/texts/*", "*/map/0/*"])
     window.driver.get(robot.url)
     tried = "performance.getEntriesByType('resource').some(({name}) => name.endsWith('en.json'))"
     eventually(lambda: window.script(tried), "the attempt")
     assert not window.script("document.querySelector('#stop')")
     assert "Loading" in window.text("body")
-    window.send("Network.setBlockedURLs", urls=[])
-    window.wait_for_map()
+    # the texts
+    window.send("Network.setBlockedURLs", urls=["*/texts/*zh*", "*/map/0/*"])
+    eventually(lambda: window.script("globalThis.mapCanvas?.shown === ''"), "the picture's failure")
+    assert window.script("mapCanvas.area === null")
     assert "Loading" not in window.text("body")
     window.press("#stop")
     eventually(lambda: "stopped" in window.text("#answer"), "the stop")
+    # another language
+    window.press("#language")
+    eventually(lambda: "no connection" in window.text("#answer"), "the reason")
+    assert window.text("#tab-go") == "Go"
+    # the picture of the map, with the next connection
+    window.send("Network.setBlockedURLs", urls=[])
+    window.script("connection.socket.close()")
+    window.wait_for_map()
 
 
 def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
-    chassis: SimulatorThread, other: SimulatorThread, window: Browser
+    plain_robot: RobotThread, other: SimulatorThread, window: Browser
 ) -> None:
     def set_limit(limit: float) -> None:
         def is_set() -> bool:
@@ -313,22 +281,18 @@ def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
 
         eventually(is_set, "the limit")
 
-    options = own_port()
-    with program(chassis, other, options=options) as (process, url):
+    robots, port = (plain_robot, other), own_port()
+    with plain_robot.serving(*robots, port=port) as url:
         window.open(url)
         window.show("setup")
         set_limit(0.1)
-        process.kill()
-        process.wait()
-    with program(chassis, other, options=options) as (process, url):
+    with plain_robot.serving(*robots, port=port):
         eventually(lambda: "0.1 m/s has ended" in window.text("#notice"), "the notice")
         assert "0.1 m/s has ended" in window.text("#answer")
         eventually(lambda: window.is_enabled("#speed-limit"), "the new dashboard")
         set_limit(0.2)
         eventually(lambda: "has ended" not in window.text("#notice"), "the end of the notice")
-        process.kill()
-        process.wait()
-    with program(chassis, other, options=options):
+    with plain_robot.serving(*robots, port=port):
         eventually(lambda: "0.2 m/s has ended" in window.text("#notice"), "the notice")
         eventually(lambda: window.script("!store.outdated.value"), "the new dashboard")
         window.press("#notice .actions button")
@@ -426,36 +390,14 @@ def test_names_are_shown_as_text(window: Browser, tmp_path: Path) -> None:
         window.check_console_and_requests(robot.url)
 
 
-def test_a_new_connection_leaves_the_view_of_the_map_as_it_is(browser: Browser) -> None:
+def test_a_new_connection_leaves_the_view_and_tells_that_an_answer_was_lost(
+    robot: SimulatedPage, browser: Browser
+) -> None:
     browser.press("#zoom-in")
     browser.press("#follow")
     view = "[mapCanvas.view.scale, store.follow.value, mapCanvas.area !== null]"
     before = browser.script(view)
     former = browser.script("store.you.value")
-    browser.script("connection.socket.close()")
-    eventually(lambda: browser.script("store.you.value") != former, "the new connection")
-    map_again = "store.link.value?.good && store.map.value?.resolution && mapCanvas.area !== null"
-    eventually(lambda: browser.script(map_again), "the map")
-    assert browser.script(view) == before
-
-
-def test_a_picture_of_the_map_that_was_lost_comes_with_the_next_connection(
-    robot: SimulatedPage, window: Browser
-) -> None:
-    window.send("Network.enable")
-    window.send("Network.setBlockedURLs", urls=["*/map/0/*"])
-    window.driver.get(robot.url)
-    eventually(lambda: window.script("globalThis.store?.map.value?.resolution"), "the map's data")
-    eventually(lambda: window.script("mapCanvas.shown === ''"), "the failure")
-    assert window.script("mapCanvas.area === null")
-    window.send("Network.setBlockedURLs", urls=[])
-    window.script("connection.socket.close()")
-    window.wait_for_map()
-
-
-def test_a_page_that_comes_back_knows_that_an_answer_was_lost(
-    robot: SimulatedPage, browser: Browser
-) -> None:
     with robot.silent():
         browser.script("void connection.command('history').then(({ok}) => (window.ok = ok))")
         events = ["pagehide", "pageshow"]  # as the browser does when one goes to a page and back
@@ -463,10 +405,14 @@ def test_a_page_that_comes_back_knows_that_an_answer_was_lost(
             browser.script(f"dispatchEvent(new PageTransitionEvent('{name}', {{persisted: true}}))")
     eventually(lambda: browser.script("!store.outdated.value"), "the new connection")
     assert browser.script("window.ok") is False
+    eventually(lambda: browser.script("store.you.value") != former, "the new connection")
+    map_again = "store.link.value?.good && store.map.value?.resolution && mapCanvas.area !== null"
+    eventually(lambda: browser.script(map_again), "the map")
+    assert browser.script(view) == before
 
 
 def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_same_one(
-    chassis: SimulatorThread, other: SimulatorThread, window: Browser
+    plain_robot: RobotThread, other: SimulatorThread, window: Browser
 ) -> None:
     # the page connects again only when STOP is pressed, after its own attempt has done nothing
     hold = "connection.connect = () => ((connection.held = true), connection.socket)"
@@ -476,27 +422,30 @@ def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_sam
         window.script("delete connection.connect && delete connection.held")
         window.press("#stop")
 
-    options = own_port()
-    with program(chassis, other, options=options) as (_, url):
+    port = own_port()
+    with plain_robot.serving(plain_robot, other, port=port) as url:
         window.open(url)
         window.script("document.querySelector('#robots').selectedIndex = 1")
         window.script("document.querySelector('#robots').dispatchEvent(new Event('change'))")
         shown = "!store.outdated.value && store.robot.value?.id"
         eventually(lambda: window.script(shown) == 8, "the other robot")
+        window.driver.refresh()
+        window.wait_for_map()
+        eventually(lambda: window.script(shown) == 8, "the same robot after a reload")
         window.script(hold)
-    with program(other, chassis, options=options):
+    with plain_robot.serving(other, plain_robot, port=port):
         press_stop()
         eventually(lambda: "stopped" in window.text("#answer"), "the stop")
         eventually(lambda: window.script(shown) == 8, "the other robot")
         assert window.script("[store.chosen.value, store.alarms.value.size]") == [0, 0]
         window.script(hold)
-    with program(chassis, options=options):
+    with plain_robot.serving(port=port):
         press_stop()
         # the robot of the stop is named, because the page shows another one then
         gone = f"STOP is not confirmed (127.0.0.1:{other.port})"
         eventually(lambda: gone in window.text("#alarm"), "the alarm")
         eventually(lambda: window.script(shown) == 30001, "the robot that is left")
-    assert (chassis.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
+    assert (plain_robot.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
 
 
 def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
@@ -522,21 +471,6 @@ def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
     assert window.script("store.alarms.value.size") == 0
 
 
-def test_a_reloaded_page_shows_and_stops_the_same_robot(
-    chassis: SimulatorThread, other: SimulatorThread, window: Browser
-) -> None:
-    with program(chassis, other) as (_, url):
-        window.open(url)
-        window.press("#robots option:nth-child(2)")
-        eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
-        window.driver.refresh()
-        window.wait_for_map()
-        window.press("#stop")
-        eventually(lambda: "stopped" in window.text("#answer"), "the stop")
-        assert window.script("store.robot.value.id") == 8
-    assert (chassis.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
-
-
 def test_two_presses_of_stop_without_a_connection_raise_no_alarm_once_it_is_confirmed(
     robot: SimulatedPage, browser: Browser
 ) -> None:
@@ -556,12 +490,9 @@ def test_two_presses_of_stop_without_a_connection_raise_no_alarm_once_it_is_conf
     assert browser.script("timeouts.map((end) => end()).length") == 2
     assert browser.script("most") == 0
     assert "stopped" in browser.text("#answer")
-
-
-def test_a_stop_just_after_a_sleep_of_the_device_does_not_use_the_old_connection(
-    robot: SimulatedPage, browser: Browser
-) -> None:
+    # just after a sleep of the device, the old connection is not used
     browser.driver.execute_script("""
+      store.answer.value = null;
       connection.receivedAt -= 60000;
       connection.socket.send = () => {};
       document.querySelector("#stop").click();
@@ -586,25 +517,11 @@ def test_a_page_of_an_older_dashboard_asks_to_be_reloaded(
     assert browser.text("#notice") == ""
 
 
-def test_the_plots_come_with_a_restarted_dashboard(
-    chassis: SimulatorThread, window: Browser
-) -> None:
-    options = own_port()
-    with program(chassis, options=options) as (process, url):
-        window.open(url)
-        process.kill()
-        process.wait()
-    eventually(lambda: "No connection to the dashboard" in window.text("#notice"), "the loss")
-    window.show("state")
-    with program(chassis, options=options):
-        eventually(lambda: "93 %" in window.text("#plots"), "the history")
-
-
 def test_a_robot_that_has_never_answered_is_unknown(
-    chassis: SimulatorThread, window: Browser
+    plain_robot: RobotThread, window: Browser
 ) -> None:
-    chassis.inject("refuse")
-    with program(chassis) as (_, url):
+    plain_robot.inject("refuse")
+    with plain_robot.serving() as url:
         window.driver.get(url)
         for tab, known in (("go", "There is no map"), ("tasks", "The robot has no task")):
             window.show(tab)
@@ -634,13 +551,3 @@ def test_times_are_of_the_dashboard_and_a_lost_plot_is_told(
     assert "/" not in window.text("#running small")  # no date, which is today
     window.show("state")
     eventually(lambda: "could not be loaded" in window.text("#plots"), "the lost plots")
-
-
-def test_a_language_that_cannot_be_loaded_is_told(serve: Serve, window: Browser) -> None:
-    served = serve({})
-    window.open(served.url)
-    served.process.kill()
-    eventually(lambda: "No connection" in window.text("#link"), "the loss")
-    window.press("#language")
-    eventually(lambda: "no connection" in window.text("#answer"), "the reason")
-    assert window.script("localStorage.getItem('woosh.language')") is None

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually
+from tests.tools.dashboard.browsers import Browser, SimulatedPage, chromium, eventually
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import is_driving, is_stopped_by_zero
 from woosh_robot_agent.link.protos import full_name
@@ -45,64 +48,55 @@ def hold_key(browser: Browser, drives: Callable[[], bool]) -> None:
     eventually(is_held, "the robot to drive")
 
 
-def _switch_with_the_pointer(browser: Browser) -> None:
-    browser.element("#keyboard").click()
-    assert not browser.script("store.keyboard.value")
+_ENDS_OF_KEYS: dict[str, Callable[[Browser], None]] = {
+    "the pointer on the switch": lambda browser: browser.element("#keyboard").click(),
+    "the space key on the switch": lambda browser: press_space(browser),
+    "the focus goes to a list": lambda browser: browser.script(
+        "document.querySelector('#theme').focus()"
+    ),
+    # on a Mac, the keys that are let go during a shortcut are not told
+    "a shortcut begins": lambda browser: key(browser, "rawKeyDown", "Meta"),
+    "the control is released": lambda browser: browser.script(
+        "document.querySelector('#release').click()"
+    ),
+    # the last one, because the list would take the next press
+    "a list is opened": lambda browser: click(browser, *browser.middle("#theme")),
+}
 
 
-def _switch_with_space(browser: Browser) -> None:
+def press_space(browser: Browser) -> None:
     assert browser.script("document.activeElement.id") == "keyboard"
     key(browser, "rawKeyDown", " ")
     key(browser, "keyUp", " ")
-    assert not browser.script("store.keyboard.value")
 
 
-def _open_a_list(browser: Browser) -> None:
-    mouse(browser, "mousePressed", *browser.middle("#theme"), "left", 1)
-    mouse(browser, "mouseReleased", *browser.middle("#theme"), "left", 0)
+def click(browser: Browser, x: float, y: float) -> None:
+    mouse(browser, "mousePressed", x, y, "left", 1)
+    mouse(browser, "mouseReleased", x, y, "left", 0)
 
 
-def _open_a_list_with_the_keyboard(browser: Browser) -> None:
-    browser.script("document.querySelector('#theme').focus()")
-
-
-def _begin_a_shortcut(browser: Browser) -> None:
-    key(browser, "rawKeyDown", "Meta")  # on a Mac, the keys that are let go meanwhile are not told
-
-
-def _release_control(browser: Browser) -> None:
-    browser.script("document.querySelector('#release').click()")
-
-
-@pytest.mark.parametrize(
-    "end",
-    [
-        _switch_with_the_pointer,
-        _switch_with_space,
-        _open_a_list,
-        _open_a_list_with_the_keyboard,
-        _begin_a_shortcut,
-        _release_control,
-    ],
-)
-def test_a_held_key_drives_no_more_after(
-    robot: SimulatedPage, browser: Browser, end: Callable[[Any], None]
-) -> None:
+def test_a_held_key_drives_no_more_after(robot: SimulatedPage, browser: Browser) -> None:
     browser.set_screen(1440, 900)
     browser.show("setup")
     browser.script("document.querySelector('#theme').scrollIntoView()")
-    browser.press("#keyboard")
-    hold_key(browser, lambda: is_driving(robot))
-    end(browser)
-    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
-    if end is _release_control:
-        eventually(lambda: browser.text("#owner") == "Nobody has control", "the release")
-    # the key is still down, and repeats; the browser may have kept its end for itself
-    key(browser, "rawKeyDown", "ArrowUp", autoRepeat=True)
-    assert not browser.script(_HELD)
-    key(browser, "keyUp", "ArrowUp")
-    key(browser, "keyUp", "Meta")
-    assert is_stopped_by_zero(robot)
+    for what, end in _ENDS_OF_KEYS.items():
+        if browser.script("store.keyboard.value"):
+            browser.press("#keyboard")
+        browser.press("#keyboard")
+        hold_key(browser, lambda: is_driving(robot))
+        end(browser)
+        eventually(lambda: is_stopped_by_zero(robot), f"the robot to stop: {what}")
+        if what.endswith("the switch"):
+            assert not browser.script("store.keyboard.value")
+        elif what == "the control is released":
+            eventually(lambda: browser.text("#owner") == "Nobody has control", "the release")
+        # the key is still down, and repeats; the browser may have kept its end for itself
+        key(browser, "rawKeyDown", "ArrowUp", autoRepeat=True)
+        assert not browser.script(_HELD), what
+        key(browser, "keyUp", "ArrowUp")
+        key(browser, "keyUp", "Meta")
+        assert is_stopped_by_zero(robot), what
+        browser.script("document.activeElement.blur()")
 
 
 def test_a_key_is_known_by_its_place_whatever_it_means_when_it_is_let_go(
@@ -113,53 +107,44 @@ def test_a_key_is_known_by_its_place_whatever_it_means_when_it_is_let_go(
     key(browser, "keyUp", "8", "Numpad8")  # with Shift, its end has another name
     assert not browser.script(_HELD)
     hold_key(browser, lambda: is_driving(robot))
+    # another size of the window does not end it
+    browser.set_screen(1300, 800)
+    eventually(lambda: browser.script("innerWidth") == 1300, "the other size")
+    hold_key(browser, lambda: is_driving(robot))
+    assert "resized" not in browser.text("#answer")
     key(browser, "keyUp", "8", "ArrowUp")
     eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
     assert not browser.script(_HELD)
 
 
-@pytest.mark.parametrize("end", ["another button", "lost release", "another place", "Tab"])
-def test_the_held_stick_drives_no_more_after(
-    robot: SimulatedPage, browser: Browser, end: str
-) -> None:
-    browser.drive(robot)
+def test_the_held_stick_drives_no_more_after(robot: SimulatedPage, browser: Browser) -> None:
     x, y = browser.middle("#stick")
-    if end == "another button":
-        mouse(browser, "mousePressed", x, y - 50, "right", 3)
-    elif end == "lost release":
-        mouse(browser, "mouseMoved", x, y - 40, "none", 0)
-    elif end == "another place":  # by another pointer
-        browser.script(
-            "document.querySelector('#answer').dispatchEvent(new PointerEvent('pointerdown',"
-            " {pointerId: 7, bubbles: true}))",
-        )
-    else:
-        key(browser, "rawKeyDown", "Tab")
-        key(browser, "keyUp", "Tab")
-    eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
-    # the pointer is still down
-    mouse(browser, "mouseMoved", x, y - 45, "left", 1)
-    assert not browser.script(_HELD)
-    if end == "another button":
-        mouse(browser, "mouseReleased", x, y - 45, "left", 2)
-        mouse(browser, "mouseMoved", x, y - 50, "right", 2)
-        assert not browser.script(_HELD)
-        mouse(browser, "mouseReleased", x, y - 50, "right", 0)
-    browser.drive(robot)  # another press drives
-    browser.release()
-
-
-def test_a_held_key_drives_on_when_the_window_gets_another_size(
-    robot: SimulatedPage, browser: Browser
-) -> None:
-    browser.set_screen(1440, 900)
-    browser.press("#keyboard")
-    hold_key(browser, lambda: is_driving(robot))
-    browser.set_screen(1300, 800)
-    eventually(lambda: browser.script("innerWidth") == 1300, "the other size")
-    hold_key(browser, lambda: is_driving(robot))
-    assert "resized" not in browser.text("#answer")
-    key(browser, "keyUp", "ArrowUp")
+    for end in ("another button", "lost release", "another place", "Tab"):
+        browser.drive(robot)
+        if end == "another button":
+            mouse(browser, "mousePressed", x, y - 50, "right", 3)
+        elif end == "lost release":
+            mouse(browser, "mouseMoved", x, y - 40, "none", 0)
+        elif end == "another place":  # by another pointer
+            browser.script(
+                "document.querySelector('#answer').dispatchEvent(new PointerEvent('pointerdown',"
+                " {pointerId: 7, bubbles: true}))",
+            )
+        else:
+            key(browser, "rawKeyDown", "Tab")
+            key(browser, "keyUp", "Tab")
+        eventually(lambda: is_stopped_by_zero(robot), f"the robot to stop: {end}")
+        # the pointer is still down
+        mouse(browser, "mouseMoved", x, y - 45, "left", 1)
+        assert not browser.script(_HELD), end
+        if end == "another button":
+            mouse(browser, "mouseReleased", x, y - 45, "left", 2)
+            mouse(browser, "mouseMoved", x, y - 50, "right", 2)
+            assert not browser.script(_HELD)
+            mouse(browser, "mouseReleased", x, y - 50, "right", 0)
+        browser.drive(robot)  # another press drives
+        browser.release()
+        eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
 
 
 def test_another_robot_is_not_driven_by_the_keys_of_the_former(
@@ -181,12 +166,11 @@ def test_another_robot_is_not_driven_by_the_keys_of_the_former(
     assert second.counts[full_name(Twist)] == 0
 
 
-@pytest.mark.parametrize("what", ["stick", "key"])
 def test_what_is_pressed_without_a_connection_drives_nothing_later(
-    robot: SimulatedPage, browser: Browser, what: str
+    robot: SimulatedPage, browser: Browser
 ) -> None:
     browser.press("#keyboard")
-    for _ in range(4):
+    for what in ("stick", "key") * 2:
         browser.script("(connection.connect = () => connection.socket, connection.socket.close())")
         eventually(lambda: browser.script("store.problem.value"), "the loss")
         if what == "key":
@@ -207,28 +191,57 @@ def test_what_is_pressed_without_a_connection_drives_nothing_later(
     browser.release()
 
 
-@pytest.mark.parametrize("end", ["mark", "pose", "hidden"])
-def test_keys_whose_switch_goes_out_of_sight_are_off(
-    robot: SimulatedPage, request: pytest.FixtureRequest, end: str
-) -> None:
-    browser: Browser = request.getfixturevalue("tabs" if end == "hidden" else "browser")
-    browser.show("go")
-    browser.press("#keyboard")
-    assert browser.script("store.keyboard.value")
-    if end == "mark":
-        browser.press("#marks li:nth-child(2) button")
-    elif end == "pose":
-        browser.show("map")
-        browser.press("#set-pose")
-    else:
-        browser.driver.switch_to.new_window("tab")
-        browser.driver.switch_to.window(browser.driver.window_handles[1])
+def check_keys_are_off(robot: SimulatedPage, browser: Browser) -> None:
+    """Wait until the arrow keys are off, and check that they do not drive."""
     eventually(lambda: not browser.script("store.keyboard.value"), "the keys to be off")
     eventually(lambda: "arrow keys no longer drive" in browser.text("#answer"), "why")
     key(browser, "rawKeyDown", "ArrowUp")
     assert not browser.script(_HELD)
     key(browser, "keyUp", "ArrowUp")
     assert robot.counts[full_name(Twist)] == 0
+
+
+def test_keys_whose_switch_goes_out_of_sight_are_off(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.press("#keyboard")
+    assert browser.script("store.keyboard.value")
+    browser.press("#marks li:nth-child(2) button")
+    check_keys_are_off(robot, browser)
+    browser.press("#dismiss")
+    browser.press("#keyboard")
+    browser.script("store.answer.value = null")
+    browser.show("map")
+    browser.press("#set-pose")
+    check_keys_are_off(robot, browser)
+
+
+def test_a_page_that_is_hidden_or_killed_drives_no_more(robot: SimulatedPage) -> None:
+    running = contextlib.ExitStack()
+    try:
+        browser = running.enter_context(chromium(with_tabs=True))
+        driver = browser.driver
+        browser.open(robot.url)
+        shown = driver.current_window_handle
+        browser.press("#keyboard")
+        driver.switch_to.new_window("tab")
+        driver.switch_to.window(shown)
+        check_keys_are_off(robot, browser)
+        driver.switch_to.window(driver.window_handles[1])
+        driver.close()
+        driver.switch_to.window(shown)
+        browser.drive(robot)
+        driver.switch_to.new_window("tab")
+        eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
+        driver.close()
+        driver.switch_to.window(shown)
+        browser.release()
+        browser.drive(robot)
+        os.kill(driver.capabilities["goog:processID"], signal.SIGKILL)
+        eventually(lambda: is_stopped_by_zero(robot), "the robot to stop")
+    finally:
+        with contextlib.suppress(Exception):  # the end of the browser fails after the kill
+            running.close()
 
 
 def test_a_slow_stick_drives_at_a_third_also_after_a_reload(
@@ -267,23 +280,29 @@ def test_a_slow_stick_drives_at_a_third_also_after_a_reload(
     browser.release()
 
 
-@pytest.mark.parametrize(("width", "height"), [(320, 568), (360, 640), (1024, 768), (844, 390)])
 def test_the_switches_at_the_stick_keep_their_places_when_the_control_changes(
-    browser: Browser, width: int, height: int
+    browser: Browser,
 ) -> None:
     places = """["#keyboard", "#slow"].map((selector) =>
       JSON.stringify(document.querySelector(selector).getBoundingClientRect()))"""
     cut = """[...document.querySelectorAll(".owner > *")].filter((each) => each.offsetWidth > 1 &&
       (each.scrollWidth > each.clientWidth || each.scrollHeight > each.clientHeight + 2))
       .map((each) => each.outerHTML)"""
-    browser.set_screen(width, height)
-    eventually(lambda: browser.script("innerWidth") == width, "the size")
-    assert browser.script(cut) == []
-    former = browser.script(places)
+
+    def look() -> dict[int, Any]:
+        """Check that nothing is cut; return where the switches are, by the size of the screen."""
+        found = {}
+        for width, height in ((320, 568), (360, 640), (1024, 768), (844, 390)):
+            browser.set_screen(width, height)
+            eventually(lambda width=width: browser.script("innerWidth") == width, "the size")
+            assert browser.script(cut) == [], width
+            found[width] = browser.script(places)
+        return found
+
+    former = look()
     browser.script("connection.command('speedLimit', {limit: null})")
     eventually(lambda: browser.elements("#release"), "the control")
-    assert browser.script(cut) == []
-    assert browser.script(places) == former
+    assert look() == former
     browser.press("#release")
     eventually(lambda: browser.text("#owner") == "Nobody has control", "the release")
-    assert browser.script(places) == former
+    assert look() == former

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import itertools
 import re
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -83,12 +82,9 @@ _SECOND = {"robot_id": 30002}
 
 @contextmanager
 def silent(served: Served) -> Iterator[None]:
-    """Stop the program for a while; the connections stay open."""
-    served.process.send_signal(signal.SIGSTOP)
-    try:
+    """Stop the dashboard for a while; the connections stay open."""
+    with served.silent():
         yield
-    finally:
-        served.process.send_signal(signal.SIGCONT)
 
 
 def open_observed(browser: Browser, url: str, width: int, height: int) -> None:
