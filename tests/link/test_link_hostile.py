@@ -101,8 +101,7 @@ def test_a_long_type_name_is_cut(codec: str) -> None:
     assert JsonCodec().decode('{"type":"' + longest + '"}').type == longest
 
 
-@pytest.mark.parametrize("limit", ["default", "0"])
-def test_numbers_as_text_are_limited_independently_of_the_interpreter(limit: str) -> None:
+def test_numbers_as_text_are_limited_though_the_interpreter_does_not_limit_them() -> None:
     """Python needs many seconds to read a million digits."""
     program = (
         "from woosh_robot_agent.link.frames import FieldError\n"
@@ -116,10 +115,8 @@ def test_numbers_as_text_are_limited_independently_of_the_interpreter(limit: str
         "    else:\n"
         "        raise SystemExit('it was taken')\n"
     )
-    environment = {} if limit == "default" else {"PYTHONINTMAXSTRDIGITS": limit}
-    subprocess.run(
-        [sys.executable, "-c", program], env={**os.environ, **environment}, check=True, timeout=50
-    )
+    environment = {**os.environ, "PYTHONINTMAXSTRDIGITS": "0"}
+    subprocess.run([sys.executable, "-c", program], env=environment, check=True, timeout=50)
 
 
 def test_deep_nesting_is_an_error_with_pure_python_protobuf() -> None:
@@ -237,15 +234,15 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("frame", HOSTILE.values(), ids=HOSTILE)
-async def test_a_hostile_push_or_answer_does_not_end_the_link(frame: str) -> None:
+async def test_a_hostile_push_or_answer_does_not_end_the_link() -> None:
     async with linked() as (_peer, client, wire):
         client.subscribe(PoseSpeed, lambda _push: None)
-        await wire.raw(frame)
-        task = ask(client, Speak())
-        asked = await wire.next("woosh.robot.Speak")
-        await wire.raw(f'{{"sn":{asked["sn"]},' + frame.removeprefix("{"))
-        await wire.answer(asked)
-        await soon(task)
-        assert (await answered(client.request(Speak()), wire)).ok
-        assert client.stats.connects == 1
+        for what, frame in HOSTILE.items():
+            await wire.raw(frame)
+            task = ask(client, Speak())
+            asked = await wire.next("woosh.robot.Speak")
+            await wire.raw(f'{{"sn":{asked["sn"]},' + frame.removeprefix("{"))
+            await wire.answer(asked)
+            await soon(task)
+            assert (await answered(client.request(Speak()), wire)).ok, what
+            assert client.stats.connects == 1, what

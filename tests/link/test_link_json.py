@@ -313,6 +313,7 @@ def test_a_value_that_does_not_fit_names_its_field(cls: Any, data: Any, path: st
         ('{"type":"t","sn":"0x10"}', "envelope"),
         ('{"type":"t","body":{"x":' + "9" * 100_000 + "}}", "json"),
         (b'{"type":"t\xff"}', "utf-8"),
+        (b"\xff", "utf-8"),
     ],
 )
 def test_data_that_is_not_a_frame_gives_an_error_of_its_kind(text: str | bytes, kind: str) -> None:

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from woosh_robot_agent.link.codecs import json_text
@@ -15,6 +15,10 @@ from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData, TaskProc
 
+quick = settings(
+    max_examples=40, deadline=None, suppress_health_check=list(HealthCheck), database=None
+)
+BOTH_PARSERS = pytest.mark.usefixtures("parser")
 WRITABLE = st.recursive(
     st.none()
     | st.booleans()
@@ -25,12 +29,14 @@ WRITABLE = st.recursive(
 )
 
 
-@pytest.fixture(params=["as installed", "without orjson"], autouse=True)
+@pytest.fixture(params=["as installed", "without orjson"])
 def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if request.param == "without orjson":
         monkeypatch.setattr(json_text, "ORJSON", None)
 
 
+@BOTH_PARSERS
+@quick
 @given(value=WRITABLE | st.just(math.inf), ascii_only=st.booleans())
 def test_each_value_is_read_as_by_the_standard_library(value: Any, ascii_only: bool) -> None:
     text = json.dumps(value, ensure_ascii=ascii_only)
@@ -41,16 +47,20 @@ def test_each_value_is_read_as_by_the_standard_library(value: Any, ascii_only: b
         assert repr(json_text.parse(each)) == repr(json.loads(text))
 
 
+@BOTH_PARSERS
+@quick
 @given(value=WRITABLE | st.integers() | st.text(st.characters(codec=None)))
 def test_each_value_is_written_as_by_the_standard_library(value: Any) -> None:
     text = json_text.write(value)
     assert repr(json.loads(text)) == repr(value)
 
 
+@BOTH_PARSERS
 def test_written_text_has_no_spaces() -> None:
     assert json_text.write({"a": [1, "é", None], "b": {}}) == '{"a":[1,"é",null],"b":{}}'
 
 
+@BOTH_PARSERS
 def test_deep_nesting_is_written() -> None:
     deep: list[Any] = []
     for _ in range(400):
@@ -58,6 +68,7 @@ def test_deep_nesting_is_written() -> None:
     assert json_text.write(deep) == "[" * 401 + "]" * 401
 
 
+@BOTH_PARSERS
 @pytest.mark.parametrize(
     "text",
     [
@@ -79,6 +90,7 @@ def test_what_orjson_refuses_or_could_read_otherwise(text: str) -> None:
         assert repr(json_text.parse(text)) == expected
 
 
+@BOTH_PARSERS
 @pytest.mark.parametrize(
     "text", ["", "{", "[01]", "[1,]", '["\t"]', "\ufeff[]", b"\xff", b'"\xed\xa0\x80"']
 )
@@ -90,6 +102,7 @@ def test_an_error_has_the_same_text(text: str | bytes) -> None:
     assert str(found.value) == str(expected.value)
 
 
+@BOTH_PARSERS
 @pytest.mark.parametrize(("name", "field"), [("robotTaskId", "robot_task_id"), ("time", "time")])
 def test_a_number_of_30_digits_fits_no_integer(name: str, field: str) -> None:
     codec = JsonCodec()
@@ -98,6 +111,7 @@ def test_a_number_of_30_digits_fits_no_integer(name: str, field: str) -> None:
         codec.body(envelope, TaskProc)
 
 
+@BOTH_PARSERS
 def test_a_number_of_30_digits_is_a_float_too() -> None:
     codec = JsonCodec()
     body = {"rangeMax": 10**30, "ranges": [1, math.nan]}

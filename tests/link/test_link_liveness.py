@@ -133,8 +133,10 @@ async def test_a_frame_that_trickles_in_is_not_a_sign_of_life(kind: str) -> None
         assert "nothing was heard" in str(client.last_error)
 
 
-@pytest.mark.parametrize("size", [100 * 1024, 2 * 1024 * 1024])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [("json", 100 * 1024), ("protobuf", 2 * 1024 * 1024), ("tcp", 2 * 1024 * 1024)],
+)
 async def test_a_large_frame_on_a_slow_network_is_a_sign_of_life(kind: str, size: int) -> None:
     async with linked(kind, liveness_timeout=1.0) as (_peer, client, wire):
         wire.freeze()  # no pongs: a pong waits behind the big frame

@@ -59,20 +59,6 @@ async def test_what_is_released_is_finished_without_the_broker(site: Site) -> No
     assert site.chassis.counts[EXEC] == 2
 
 
-async def test_the_last_will_follows_the_message_that_the_vehicle_is_online(
-    site: Site, tmp_path: Path
-) -> None:
-    async with Master(site.broker.port) as master:
-        with running_connector(site.chassis, site.broker.url, tmp_path):
-            await master.online()
-        await eventually(lambda: len(site.recorder.sent("connection")) == 2)
-    online, broken = site.recorder.sent("connection")
-    assert (online["connectionState"], broken["connectionState"]) == ("ONLINE", "CONNECTIONBROKEN")
-    assert broken["headerId"] == online["headerId"] + 1
-    async with Master(site.broker.port) as late:
-        await eventually(lambda: late.last("connection") == broken)
-
-
 async def test_a_broker_that_comes_later_is_found(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -28,6 +28,7 @@ from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050 import session, store
 from woosh_robot_agent.vda5050.actions.performing import Run
+from woosh_robot_agent.vda5050.messages.state import ErrorType
 
 FILE = "uagv-Woosh-30001.json"
 FAST, NORMAL, HARDLY = 20.0, 1.0, 0.02
@@ -59,7 +60,15 @@ async def test_the_order_goes_on_after_kill_9(site: Site, tmp_path: Path) -> Non
     async with Master(site.broker.port) as master:
         with running_connector(site.chassis, site.broker.url, tmp_path):
             await site.drive(master, NODES, then=HARDLY)
-        await eventually(lambda: master.last("connection")["connectionState"] == "CONNECTIONBROKEN")
+        await eventually(lambda: len(site.recorder.sent("connection")) == 2)
+        online, broken = site.recorder.sent("connection")
+        assert (online["connectionState"], broken["connectionState"]) == (
+            "ONLINE",
+            "CONNECTIONBROKEN",
+        )
+        assert broken["headerId"] == online["headerId"] + 1
+        async with Master(site.broker.port) as late:  # the last will is retained
+            await eventually(lambda: late.last("connection") == broken)
         master.received.clear()
         with running_connector(site.chassis, site.broker.url, tmp_path) as connector:
             state = await master.accepted("order")
@@ -299,10 +308,22 @@ async def test_a_finished_order_is_not_driven_again(site: Site, tmp_path: Path) 
     "content",
     [b"", b"{", b"[]", b'{"order": 5}', b'{"order": {"leg_length": 1}}', b"[" * 100_000, b"\xff"],
 )
-async def test_a_damaged_file_is_reported_and_put_aside(
-    site: Site, tmp_path: Path, content: bytes
-) -> None:
+def test_a_damaged_file_is_put_aside(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / FILE
+    file.write_bytes(content)
+    opened = store.Store(tmp_path, FILE.removesuffix(".json"))
+    record, error = opened.open()
+    opened.close()
+    assert record.order.order_id == ""
+    assert error is not None
+    assert error.type == ErrorType.STATE_FILE
+    assert file.with_suffix(".damaged").read_bytes() == content
+
+
+async def test_a_vehicle_reports_a_damaged_file_until_its_next_order(
+    site: Site, tmp_path: Path
+) -> None:
+    file, content = tmp_path / FILE, b'{"order": {"leg_length": 1}}'
     file.write_bytes(content)
     async with Master(site.broker.port) as master, site.vehicle(state_folder=tmp_path):
         state = await master.error("stateFileError")
@@ -436,14 +457,11 @@ async def test_a_charge_that_a_kill_interrupts_while_the_robot_docks_is_not_paus
 
 
 async def test_a_second_connector_on_the_same_machine_stays_offline(
-    site: Site, tmp_path: Path
+    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with site.online(state_folder=tmp_path) as master:
-        with running_connector(site.chassis, site.broker.url, tmp_path) as second:
-            log = tmp_path / "connector.log"
-            await eventually(lambda: "another connector uses" in log.read_text())
-            second.terminate()
-            assert second.wait(TIMEOUT) == 0
+        async with site.vehicle(state_folder=tmp_path):
+            await eventually(lambda: "another connector uses" in caplog.text)
         assert master.state["errors"] == []
         assert len(site.recorder.sent("connection")) == 1
 

@@ -59,18 +59,35 @@ def running_fleet(
     return running(*arguments, *options, log=folder / "connector.log")
 
 
-async def test_a_file_lists_the_robots_of_the_program(
+async def test_a_file_lists_the_robots_of_the_program_whose_orders_the_page_shows(
     robots: list[SimulatorThread], broker: Mosquitto, recorder: Recorder, tmp_path: Path
 ) -> None:
+    log = tmp_path / "connector.log"
     async with AsyncExitStack() as stack:  # before the program: the first state is not retained
         masters = [
             await stack.enter_async_context(Master(broker.port, serial)) for serial in SERIALS
         ]
-        with running_fleet(robots, broker, tmp_path) as program:
+        with running_fleet(robots, broker, tmp_path, "--dashboard", "0") as program:
             for master in masters:
                 await master.online()
-            masters[1].order([])
-            await masters[1].wait_state(lambda state: state["errors"])
+            one, two, _ = masters
+            url = re.search(r"dashboard ready at (\S+)", log.read_text())
+            assert url is not None
+            async with page(url[1]) as viewer:
+                assert not (await viewer.command("stop"))[0]  # it only shows
+                one.order([node("a", 0, *START), node("c", 2, -9.5, -7.5)])
+                order = await viewer.until(
+                    lambda parts: (
+                        parts["fleet"][0]["order"]["node"] == "c" and parts["fleet"][0]["order"]
+                    )
+                )
+                assert order["id"] == one.state["orderId"]
+                assert (order["nodesLeft"], order["errors"]) == (0, [])
+                two.order([])
+                errors = await viewer.until(lambda parts: parts["fleet"][1]["order"]["errors"])
+                assert "the order has no node" in errors[0]["text"]["english"]
+                assert errors[0]["level"] == "WARNING"
+            await two.wait_state(lambda state: state["errors"])
             program.send_signal(signal.SIGINT)
             assert await eventually(lambda: program.poll() is not None)
             assert program.returncode == 0
@@ -78,8 +95,7 @@ async def test_a_file_lists_the_robots_of_the_program(
         (each["serialNumber"], each["connectionState"]) for each in recorder.sent("connection")
     ]
     assert sorted(states[-3:]) == [(serial, "OFFLINE") for serial in SERIALS]
-    log = (tmp_path / "connector.log").read_text()
-    assert "WARNING: r2: an order was rejected: the order has no node" in log
+    assert "WARNING: r2: an order was rejected: the order has no node" in log.read_text()
 
 
 async def test_a_lost_robot_affects_only_its_own_vehicle(
@@ -168,28 +184,3 @@ async def test_the_example_master_sends_vehicles_round_one_on_each_node(
             held[state["serialNumber"]] = nodes
             for serial, others in held.items():
                 assert serial == state["serialNumber"] or not nodes & others, held
-
-
-async def test_the_page_shows_the_order_and_its_errors(
-    robots: list[SimulatorThread], broker: Mosquitto, tmp_path: Path
-) -> None:
-    with running_fleet(robots, broker, tmp_path, "--dashboard", "0"):
-        async with Master(broker.port, SERIALS[0]) as one, Master(broker.port, SERIALS[1]) as two:
-            await one.online()
-            await two.online()
-            url = re.search(r"dashboard ready at (\S+)", (tmp_path / "connector.log").read_text())
-            assert url is not None
-            async with page(url[1]) as viewer:
-                assert not (await viewer.command("stop"))[0]  # it only shows
-                one.order([node("a", 0, *START), node("c", 2, -9.5, -7.5)])
-                order = await viewer.until(
-                    lambda parts: (
-                        parts["fleet"][0]["order"]["node"] == "c" and parts["fleet"][0]["order"]
-                    )
-                )
-                assert order["id"] == one.state["orderId"]
-                assert (order["nodesLeft"], order["errors"]) == (0, [])
-                two.order([])
-                errors = await viewer.until(lambda parts: parts["fleet"][1]["order"]["errors"])
-                assert "the order has no node" in errors[0]["text"]["english"]
-                assert errors[0]["level"] == "WARNING"

@@ -124,13 +124,11 @@ def client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
     )
 
 
-@pytest.mark.parametrize(
-    "login", [password_from_file, tls_and_password_from_environment, client_certificate]
-)
-async def test_a_login(site: Site, tmp_path: Path, login: Login) -> None:
-    config = login(site.broker, tmp_path)
-    async with Master(site.broker.port) as master, site.vehicle(config):
-        await master.online()
+async def test_each_login_connects(site: Site, tmp_path: Path) -> None:
+    for login in (password_from_file, tls_and_password_from_environment, client_certificate):
+        config = login(site.broker, tmp_path)
+        async with Master(site.broker.port) as master, site.vehicle(config):
+            await master.online()
 
 
 async def test_a_wrong_password_is_said_once_and_the_right_one_is_never_shown(
@@ -180,26 +178,22 @@ def no_client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig
     return options(url, "--ca-file", broker.authority.certificate)
 
 
-@pytest.mark.parametrize(
-    ("login", "reasons"),
-    [
+async def test_without_the_right_certificates_there_is_no_connection(
+    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    refused: list[tuple[Login, tuple[str, ...]]] = [
         (certificate_of_another_authority, UNTRUSTED),
         (certificate_that_the_system_does_not_trust, UNTRUSTED),
         (certificate_of_another_name, UNTRUSTED),
         (no_client_certificate, ()),
-    ],
-)
-async def test_without_the_right_certificates_there_is_no_connection(
-    site: Site,
-    tmp_path: Path,
-    caplog: pytest.LogCaptureFixture,
-    login: Login,
-    reasons: tuple[str, ...],
-) -> None:
-    async with site.vehicle(login(site.broker, tmp_path)):
-        await eventually(lambda: refusals(caplog))
-    assert all(reason in refusals(caplog)[0] for reason in reasons)
-    assert site.recorder.messages == []
+    ]
+    for login, reasons in refused:
+        caplog.clear()
+        async with site.vehicle(login(site.broker, tmp_path)):
+            await eventually(lambda: refusals(caplog), login.__name__)
+        for reason in reasons:
+            assert reason in refusals(caplog)[0], login.__name__
+        assert site.recorder.messages == [], login.__name__
 
 
 async def test_a_vehicle_may_use_its_own_topics_only(

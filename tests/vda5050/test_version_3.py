@@ -138,12 +138,12 @@ def test_errors_have_the_predefined_types_and_levels(
     ]
 
 
-@pytest.mark.parametrize("kind", ErrorType)
-def test_all_types_of_errors_are_in_capitals(kind: ErrorType) -> None:
-    state = replace(STATE, errors=(warning(kind, "a reason"),))
-    state = replace(state, robot=replace(ROBOT, mode=OperatingMode.MANUAL))
-    (error,) = state_message(V3, state)["errors"]
-    assert error["errorType"].replace("_", "").isupper()
+def test_all_types_of_errors_are_in_capitals() -> None:
+    manual = replace(ROBOT, mode=OperatingMode.MANUAL)
+    for kind in ErrorType:
+        state = replace(STATE, errors=(warning(kind, "a reason"),), robot=manual)
+        (error,) = state_message(V3, state)["errors"]
+        assert error["errorType"].replace("_", "").isupper()
 
 
 def test_the_rejection_for_the_operating_mode_ends_with_the_mode() -> None:
