@@ -53,14 +53,15 @@ async def refuse_zeros(wire: Wire, frame: Frame) -> bool:
 # Reserved requests
 
 
-@every_moving_request
-async def test_moving_requests_are_refused_outside_the_gate(request_: Message) -> None:
+async def test_moving_requests_are_refused_outside_the_gate() -> None:
     async with gated() as rig:
-        with pytest.raises(RuntimeError, match="reserved"):
-            await rig.client.request(request_)
+        for request in MOVING:
+            with pytest.raises(RuntimeError, match="reserved"):
+                await rig.client.request(request)
         assert types(rig.wire) == []
-        await ok(rig.gate.request(request_))
-        assert types(rig.wire) == [request_.DESCRIPTOR.full_name]
+        for request in MOVING:
+            await ok(rig.gate.request(request))
+        assert types(rig.wire) == [each.DESCRIPTOR.full_name for each in MOVING]
 
 
 async def test_a_client_can_have_only_one_gate() -> None:
@@ -107,25 +108,25 @@ async def test_a_stop_is_sent_although_a_callback_fails(caplog: pytest.LogCaptur
     assert "ZeroDivisionError" in caplog.text
 
 
-@every_moving_request
-async def test_after_a_stop_nothing_that_moves_is_sent(request_: Message) -> None:
+async def test_after_a_stop_nothing_that_moves_is_sent() -> None:
     async with gated() as rig:
         await soon(rig.gate.stop(TIMEOUT))
-        with pytest.raises(SupersededError, match="cancelled by a stop of the robot"):
-            await rig.gate.request(request_)
+        for request in MOVING:
+            with pytest.raises(SupersededError, match="cancelled by a stop of the robot"):
+                await rig.gate.request(request)
         await ok(rig.gate.request(Twist()))
         assert len(types(rig.wire)) == ORDERS + 1
 
 
-@every_moving_request
-async def test_a_stop_withdraws_what_waits_to_be_sent(request_: Message) -> None:
+async def test_a_stop_withdraws_what_waits_to_be_sent() -> None:
     async with gated() as rig:
         load = await block(rig.client, rig.wire)
-        waiting = asyncio.ensure_future(rig.gate.request(request_))
+        waiting = [asyncio.ensure_future(rig.gate.request(each)) for each in MOVING]
         await turns()
         stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
-        with pytest.raises(SupersededError, match=r"cancelled by a stop of the robot|newer"):
-            await soon(waiting)
+        for each in waiting:
+            with pytest.raises(SupersededError, match=r"cancelled by a stop of the robot|newer"):
+                await soon(each)
         rig.wire.thaw()
         assert (await soon(stop)).success
         await soon(load)
@@ -150,21 +151,28 @@ async def test_a_request_some_time_after_a_stop_is_sent() -> None:
         await ok(rig.drive(1))
 
 
-@every_moving_request
-async def test_what_was_sent_to_the_agent_before_a_stop_does_not_move_the_robot_later(
-    request_: Message,
-) -> None:
+async def test_what_was_sent_to_the_agent_before_a_stop_does_not_move_the_robot_later() -> None:
     async with gated(hold=0.0) as rig:
         before = asyncio.get_running_loop().time()
         await soon(rig.gate.stop(TIMEOUT))
-        with pytest.raises(SupersededError, match=r"before the last stop.*synchronise the clocks"):
-            await rig.gate.request(request_, sender=Sender(published=before))
-        later = [math.inf]
-        if not isinstance(request_, Twist):
-            later.append(before - 3600.0)  # the clock of its sender differs
-        for published in later:
-            await ok(rig.gate.request(request_, sender=Sender(published=published)))
-        assert len(types(rig.wire)) == ORDERS + len(later)
+        for request in MOVING:
+            with pytest.raises(SupersededError, match=r"before the last stop.*synchronise the"):
+                await rig.gate.request(request, sender=Sender(published=before))
+        assert len(types(rig.wire)) == ORDERS
+
+
+async def test_what_was_sent_to_the_agent_after_a_stop_moves_the_robot() -> None:
+    async with gated(hold=0.0) as rig:
+        before = asyncio.get_running_loop().time()
+        await soon(rig.gate.stop(TIMEOUT))
+        for request in MOVING:
+            await ok(rig.gate.request(request, sender=Sender(published=math.inf)))
+        assert len(types(rig.wire)) == ORDERS + len(MOVING)
+        other_clock = Sender(published=before - 3600.0)
+        slower = [each for each in MOVING if not isinstance(each, Twist)]
+        for request in slower:
+            await ok(rig.gate.request(request, sender=other_clock))
+        assert len(types(rig.wire)) == ORDERS + len(MOVING) + len(slower)
 
 
 async def test_a_stop_without_an_answer_says_so() -> None:
@@ -396,13 +404,13 @@ async def test_a_task_that_was_not_sent_before_a_stop_is_no_start() -> None:
 # The agent ends
 
 
-@every_moving_request
-async def test_once_closed_nothing_that_moves_is_sent(request_: Message) -> None:
+async def test_once_closed_nothing_that_moves_is_sent() -> None:
     async with gated(hold=0.0) as rig:
         await rig.gate.close(TIMEOUT)
         await soon(rig.gate.stop(TIMEOUT))  # forbids motion for a while only
-        with pytest.raises(SupersededError, match="the agent is stopping"):
-            await rig.gate.request(request_)
+        for request in MOVING:
+            with pytest.raises(SupersededError, match="the agent is stopping"):
+                await rig.gate.request(request)
         await ok(rig.gate.request(Speak()))
         assert len(types(rig.wire)) == ORDERS
 

@@ -21,7 +21,7 @@ UNINIT, IDLE = 1, 2
 EMERGENCY_STOP = 1024
 FACTS = real_robot()
 INIT_ROBOT, MODE, INFO = "woosh.robot.InitRobot", "woosh.robot.Mode", "woosh.robot.RobotInfo"
-SAMPLES = 300
+SAMPLES = 150
 
 
 @pytest.mark.parametrize("type_name", FACTS["answers"])

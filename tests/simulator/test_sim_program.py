@@ -122,7 +122,7 @@ sys.exit(main(["--port", "0", "--tcp-port", "0"]))
 
 @pytest.mark.parametrize(
     "module",
-    ["asyncio", "woosh_robot_agent.link.protos", "woosh_robot_agent.simulator.server"],
+    ["asyncio", "woosh_robot_agent.simulator.server"],
 )
 def test_signal_during_startup_ends_it_cleanly(module: str) -> None:
     command = [sys.executable, "-c", SIGNAL_ON_IMPORT, module]
@@ -189,20 +189,21 @@ def hall(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_program_starts_in_a_custom_scene(hall: Path) -> None:
-    with running("--scene", str(hall)) as (_, port, _), closing(JsonClient(port)) as client:
-        scene = client.ask("woosh.robot.Scene")
-        names = [each["name"] for each in client.ask("woosh.map.SceneList")["scenes"]]
-    assert (scene["sceneName"], scene["mapName"]) == ("hall", "ground")
-    assert names == ["wooshmap", "scenex", "hall"]
-
-
-def test_frame_size_and_connections_are_limited() -> None:
+def test_options_set_the_scene_the_language_and_the_limits(hall: Path) -> None:
+    limits = ("--max-frame", "1000", "--max-connections", "1")
+    language = ("--code-language", "none", "--fault", "emergency_stop")
     with (
-        running("--max-frame", "1000", "--max-connections", "1") as (_, port, tcp_port),
+        running("--scene", str(hall), *language, *limits) as (_, port, tcp_port),
         closing(JsonClient(port)) as client,
     ):
-        client.ask("woosh.robot.Mode")
+        scene = client.ask("woosh.robot.Scene")
+        assert (scene["sceneName"], scene["mapName"]) == ("hall", "ground")
+        names = [each["name"] for each in client.ask("woosh.map.SceneList")["scenes"]]
+        assert names == ["wooshmap", "scenex", "hall"]
+
+        (code,) = client.ask("woosh.robot.count.AbnormalCodes")["scs"]
+        assert (code["code"], code["msg"]) == ("110201000013", "")
+
         with closing(TcpClient(tcp_port)) as second, pytest.raises(ConnectionError):
             second.request("woosh.robot.Mode")
         client.send({"type": "woosh.robot.Mode", "body": {}, "sn": 1, "padding": "x" * 1000})

@@ -120,9 +120,9 @@ def test_unchanged_battery_is_pushed_again(real: SteppedChassis) -> None:
     real.chassis.battery.level = 50.0
     real.run(1.0)
     start = len(pushed(real, BATTERY))
-    for _ in range(1600):
+    for _ in range(550):
         real.chassis.battery.level = 50.0
-        real.run(1.0)
+        real.run(2.0)
     times = [frame.time for frame in pushed(real, BATTERY)[start:]]
     least, most = RATES["Battery"]
     periods = [after - before for before, after in pairwise(times)]

@@ -234,16 +234,14 @@ def test_unreadable_files_of_a_map_are_refused(
     client.ask("woosh.map.SceneData")
 
 
-@pytest.mark.parametrize(("files", "reason"), INVALID_UPLOADS)
 @pytest.mark.parametrize("scene", ["new", "wooshmap"])
-def test_invalid_uploads_are_refused_and_change_nothing(
-    client: JsonClient, scene: str, files: dict[str, bytes], reason: str
-) -> None:
+def test_invalid_uploads_are_refused_and_change_nothing(client: JsonClient, scene: str) -> None:
     before = library(client.simulator)
-    text = client.refusal("woosh.robot.SwitchMap", switch_request(scene, **files))
-    assert reason in text
-    assert len(text) < 1000
-    assert library(client.simulator) == before
+    for files, reason in INVALID_UPLOADS:
+        text = client.refusal("woosh.robot.SwitchMap", switch_request(scene, **files))
+        assert reason in text
+        assert len(text) < 1000
+        assert library(client.simulator) == before, reason
 
 
 def test_total_size_of_uploads_is_limited() -> None:
@@ -279,7 +277,7 @@ def test_damaged_uploads_cause_no_internal_error(client: JsonClient) -> None:
     """Each damaged upload is accepted, or refused with a reason."""
     rng = random.Random(9)
     whole = {"scene_yaml": SCENE, "floor_yaml": NAV2, "floor_png": floor_png()}
-    for _ in range(150):
+    for _ in range(60):
         files = dict(whole)
         name = rng.choice(list(files))
         data = bytearray(files[name])
