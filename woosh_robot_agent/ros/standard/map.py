@@ -165,6 +165,7 @@ class Map(Part):
             await self._update()
 
     def _snapshot(self, info: RobotInfo) -> None:
+        """Process the first RobotInfo of a link."""
         # problems are logged once for each link, even if good and bad maps alternate
         self._log.clear()
         if info.HasField("scene"):
