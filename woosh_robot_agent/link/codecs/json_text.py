@@ -101,7 +101,7 @@ def take_from_frame(frame: str | bytes) -> tuple[str | bytes, list[str]]:
                 pieces += frame[copied:begin], token.encode() if isinstance(frame, bytes) else token
                 texts.append(text)
                 copied = end
-        at = end + _STEP
+        at = end + _STEP  # shorter texts on the way are skipped
     if not texts:
         return frame, texts
     nothing: Any = frame[:0]
