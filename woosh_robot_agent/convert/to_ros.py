@@ -223,7 +223,7 @@ class _Json(Origin):
         source.add(f"v = get({first!r})")
         for name in others:
             source.add(f"if v is None: v = get({name!r})")
-        return True
+        return True  # any key can be missing
 
     def scalar(self, source: FunctionSource, field: Any) -> str:
         fits, read = scalar_conversion(field)

@@ -167,6 +167,7 @@ class SpeedLimiter:
         self._send()
 
     def _answered(self, command: AnsweredCommand) -> None:
+        """Note that a command of MoveBase may begin a navigation, and send the limit if needed."""
         message = command.message
         if isinstance(message, CallAction) and message.move_base.action == kExecute:
             self._begin()  # it may replace another navigation, whose end is not reported then

@@ -90,7 +90,11 @@ class RefusalExplainer:
         return joined(THEN, (each.said for each in await self.reasons(request_type)))
 
     async def reasons(self, request_type: str) -> list[Objection]:
-        """Return the reasons, as `reason` does, with the known remedies."""
+        """Return why the chassis has just refused a request, with the known remedies.
+
+        Empty if no reason is known. Call it within `code_delay` after the answer; the argument is
+        that of `reason`.
+        """
         try:
             refusal = await run_with_timeout(self.code_delay, self._latest(request_type))
         except TimeoutError:

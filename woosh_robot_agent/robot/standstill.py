@@ -273,7 +273,7 @@ class Standstill:
             return
         demand.warned = True
         if now - self._log_cleared > self.kept:
-            self._log.clear()
+            self._log.clear()  # the same warning is logged again
             self._log_cleared = now
         text = self._text(demand)
         self._log.warn(text, text)

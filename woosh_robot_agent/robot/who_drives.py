@@ -103,6 +103,8 @@ class VelocitySources:
     def note_call(self, service: str, number: int) -> None:
         """Process a call of the service robot/Twist that may move the robot.
 
+        If the calls of several clients alternate, the clients are reported.
+
         Args:
             service: name of the service.
             number: sequence number of the call, counted by its client.

@@ -111,7 +111,7 @@ class SimulatorThread:
         Raises:
             DataFileError: the file of the profile or of a scene cannot be used.
             OSError: a port is in use.
-            concurrent.futures.TimeoutError: the start has taken more than 10 s.
+            concurrent.futures.TimeoutError: the start has taken more than 60 s.
         """
         self._thread.start()
         self._ready.result(_CALL_TIMEOUT)
@@ -128,7 +128,7 @@ class SimulatorThread:
         If `do` begins or ends the fault `off`, the ports are closed or open when this returns.
 
         Raises:
-            concurrent.futures.TimeoutError: the call has taken more than 10 s.
+            concurrent.futures.TimeoutError: the call has taken more than 60 s.
         """
         simulator = self._simulator
 

@@ -291,14 +291,14 @@ class Execution:
         """Clear the order if the mode of the robot, or the loss of its position, forbids one.
 
         If the mode forbids it, also cancel what was started before a restart, and forget the last
-        node; in mode MANUAL, `update_position` does the latter.
+        node. In mode MANUAL, the robot may still stand on that node; `update_position` forgets it
+        once the robot has left it.
         """
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
             self.cancel_leftovers()
             self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
-            # a busy order needs its last node until it has ended; in mode MANUAL, the robot may
-            # still stand on it
+            # a busy order needs its last node until it has ended
             if mode is not OperatingMode.MANUAL and not self.order.busy:
                 self.order.set_last_node("")
         elif self._has_lost_position:

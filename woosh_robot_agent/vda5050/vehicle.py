@@ -129,7 +129,7 @@ class Vehicle:
             _LOG.error("%s; now %s answers", reason, self._robot_identity)
             execution.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
             return
-        self._is_updating = True
+        self._is_updating = True  # nothing is saved or sent before everything is restored
         execution.speed.restore(record.speed_is_limited)
         execution.order.restore(record.order)
         execution.calls.restore(record.calls)

@@ -101,7 +101,7 @@ def take_from_frame(frame: str | bytes) -> tuple[str | bytes, list[str]]:
                 pieces += frame[copied:begin], token.encode() if isinstance(frame, bytes) else token
                 texts.append(text)
                 copied = end
-        at = end + _STEP
+        at = end + _STEP  # shorter texts on the way are skipped
     if not texts:
         return frame, texts
     nothing: Any = frame[:0]
@@ -281,13 +281,13 @@ class _Pieces:
     def _items(self, at: int) -> tuple[list[Any], int]:
         """Return the next items of a list, at least one, and the place where the last item ends.
 
-        These are the items in a piece, or else the rest of the list if it ends in the piece, or
-        else the items in half a piece, and so on. If no piece holds an item, one is parsed alone.
+        A piece is tried first, then half a piece, and so on. If none can be cut after an item, or
+        too much was tried in vain, one item is parsed alone.
         """
         size = _PIECE
         while size >= _SMALLEST_PIECE and self._spare > 0:
             items = self._cut(at, at + size)
-            if items is None and size == _PIECE:
+            if items is None and size == _PIECE:  # it may hold the end of the list
                 items = self._rest(at, at + size)
             if items is not None:
                 return items

@@ -17,9 +17,9 @@ class Cancellation:
     """Forwards the cancel requests of a goal's client to the chassis, one at a time.
 
     A request that the chassis did not answer stays pending, and so does one that it got before it
-    began the goal, which may have no effect. It is sent again only when `send_soon` is called
-    again: the cancel request for a task does not name the task, so it may only be sent while the
-    goal is running.
+    began the goal, which may have no effect. It is sent again when `send_soon` is called again, or
+    at once if the goal began before the answer: the cancel request for a task does not name the
+    task, so it may only be sent while the goal is running.
 
     Args:
         name: name of the goal, for the log.

@@ -109,7 +109,7 @@ class TaskSetGoal:
         """Unix time of the last report before this goal, by the robot's clock, in seconds; 0 if
         there is none."""
         predecessors = context.open_goals.possibly_running(self.name)
-        # another program may have started the set that is running
+        # reports may be on an earlier run of the set: of a goal, or started by another program
         self.attribution = Attribution(max(predecessors, int(self._is_executing(last))))
 
     def request(self) -> Start:

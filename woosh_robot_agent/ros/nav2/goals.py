@@ -221,7 +221,8 @@ class Nav2Goal:
     def stop(self, reason: GoalEnd) -> None:
         """End the goal for a reason, unless it is already ending; cancel the chassis's goal.
 
-        If the chassis has not accepted that yet, the navigation before is cancelled, too.
+        A navigation that this goal was to replace is cancelled, too, unless the chassis has already
+        accepted this goal.
         """
         self.send_no_more(reason)
         self.is_cancelled = True

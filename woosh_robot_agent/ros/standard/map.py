@@ -144,7 +144,7 @@ class Map(Part):
         self._not_before = -math.inf
         """Loop time before which the map is not requested again."""
         self._epoch = object()
-        """Replaced when a map that is being received becomes outdated; then it is not published."""
+        """Replaced when the robot no longer makes a map; a map requested before is dropped."""
         self._shows_growing = False
         """True if the last message was a map that the robot was making."""
         self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
@@ -165,6 +165,7 @@ class Map(Part):
             await self._update()
 
     def _snapshot(self, info: RobotInfo) -> None:
+        """Process the first RobotInfo of a link."""
         # problems are logged once for each link, even if good and bad maps alternate
         self._log.clear()
         if info.HasField("scene"):

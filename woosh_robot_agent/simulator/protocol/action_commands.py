@@ -200,7 +200,7 @@ def _lift_control3(chassis: Chassis, action: action_pb2.LiftControl3) -> Job:
     column, mode = chassis.column, action.execute_mode
     speed = usable_speed(action.speed, _MIN_LIFT_SPEED)
     if mode == _Lift3.kQuery:
-        return MoveLift(column, column.height)
+        return MoveLift(column, column.height)  # moves nothing, and reports the height
     if mode == _Lift3.kAbsolute:
         return MoveLift(column, column.checked(action.height), speed=speed)
     if mode == _Lift3.kRelative:

@@ -82,7 +82,7 @@ def _power(chassis: Chassis, request: setting_pb2.Power) -> Message:
     levels = [request.alarm, request.low, request.idle, request.full]
     if levels != sorted(levels) or request.full > 100:
         raise RefusedError(
-            f"power levels {levels} must rise from alarm to full, which must be at most 100"
+            f"power levels {levels} must rise or stay the same from alarm to full (at most 100)"
         )
     power = chassis.setting.power
     power.alarm, power.low, power.idle, power.full = levels

@@ -89,8 +89,9 @@ class ControlConfig:
             seconds.
         idle_timeout: time without a command after which a viewer loses the control, in seconds.
         close_timeout: timeout of the answer to the last zero velocity, in seconds.
-        max_age: maximum age of a command or velocity, in seconds. Each carries the newest time of
-            the dashboard that the page had received when the viewer gave it.
+        max_age: maximum age of a command or velocity, in seconds. The dashboard sends its time to
+            the page, and the page returns the last time that it had when the viewer gave the
+            command. The age counts from that time.
     """
 
     max_linear: float = 0.5

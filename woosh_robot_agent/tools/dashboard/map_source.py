@@ -174,8 +174,8 @@ class MapSource:
             self._set_error(said_by(error))
             return
         self._shown = wanted
-        # the next change of the map is shown at once; this one may have changed the list of scenes
-        self._not_before = self._list_at = -math.inf
+        self._not_before = -math.inf  # the next change of the map is shown at once
+        self._list_at = -math.inf  # this change of the map may have changed the list of scenes
 
     def _map_grown(self, body: Body) -> None:
         if self._picture_task is None or self._picture_task.done():  # else the report is skipped

@@ -277,6 +277,7 @@ class Robot:
             await cancel_and_wait(*loops)
 
     async def _record_samples(self) -> None:
+        """Sample the robot for the plots; a sample without values marks a gap in time."""
         while True:
             sample = self._sample()
             begin, end = sample[0] - _HISTORY, sample[0]

@@ -299,7 +299,7 @@ class Dashboard:
     # WebSockets
 
     async def _serve(self, request: web.BaseRequest) -> web.WebSocketResponse:
-        """Serve a viewer until it disconnects or is dismissed; refuse one viewer too many."""
+        """Serve a viewer until it disconnects or is dismissed; refuse it if there is no room."""
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT,
             heartbeat=_HEARTBEAT,

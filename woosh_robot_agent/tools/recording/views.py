@@ -104,9 +104,10 @@ def decode_message(sender: Side, frame: str | bytes) -> DecodedFrame | None:
 
 def _type_of(sender: Side, envelope: Envelope) -> str:
     """Return the protobuf full name of the message in a frame."""
-    if envelope.type == SUBSCRIPTION_TYPE:
+    if envelope.type == SUBSCRIPTION_TYPE:  # not a full name
         return full_name(Subscription)
-    if sender == "chassis" and envelope.ok is not None:  # an answer
+    # an answer, which may name the type of its request
+    if sender == "chassis" and envelope.ok is not None:
         return _ANSWERS.get(envelope.type, envelope.type)
     return envelope.type
 

@@ -85,7 +85,7 @@ class ActionRunner:
         """Actions that have not started, by id, in the order in which they must start."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Tasks of the actions that run, by id."""
-        self._ending: dict[str, str] = {}
+        self._end_reasons: dict[str, str] = {}
         """Reasons why actions are being ended, by id."""
 
     def execute(self, command: Perform | EndAction) -> None:
@@ -104,9 +104,9 @@ class ActionRunner:
         """End an action, which fails for this reason unless it has ended by itself before."""
         if self._waiting.pop(action.id, None) is not None:
             self._execution.action_changed(action.id, ActionStatus.FAILED, reason)
-        elif action.id in self._tasks and action.id not in self._ending:
+        elif action.id in self._tasks and action.id not in self._end_reasons:
             # once: a second cancellation would end the wait for the robot's end of the action
-            self._ending[action.id] = reason
+            self._end_reasons[action.id] = reason
             self._tasks[action.id].cancel()
 
     def _end_motion(self) -> None:
@@ -145,7 +145,7 @@ class ActionRunner:
     def _done(self, action: Action, task: asyncio.Task[None]) -> None:
         """Let an action fail if its task was cancelled before `_run` began."""
         if self._tasks.get(action.id) is task:
-            self._ended(action, ActionStatus.FAILED, self._ending.get(action.id, _ENDED))
+            self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, _ENDED))
 
     async def _run(self, action: Action) -> None:
         def report(status: ActionStatus) -> None:
@@ -161,7 +161,7 @@ class ActionRunner:
                 report(ActionStatus.RUNNING)
             result = await definition.perform(run)
         except asyncio.CancelledError:
-            self._ended(action, ActionStatus.FAILED, self._ending.get(action.id, _ENDED))
+            self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, _ENDED))
             raise
         except ActionFailedError as error:
             self._failed(action, said_by(error), error.kind)
@@ -181,7 +181,7 @@ class ActionRunner:
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
         self._execution.active.pop(action.id, None)
         self._tasks.pop(action.id, None)
-        self._ending.pop(action.id, None)
+        self._end_reasons.pop(action.id, None)
         # when the connector ends, the robot goes on, and the action must not count as ended
         if not self._execution.link.is_closing:
             self._execution.action_changed(action.id, status, result)

@@ -249,6 +249,7 @@ def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
 
 
 def _with_mark(node: Node, map_id: str, find: FindMark) -> Node:
+    """Return a node with its mark if the robot drives to it by a mark, as in `with_marks`."""
     place = node.position
     mark = find(node.id, map_id if place is None else place.map_id)
     if mark is None:

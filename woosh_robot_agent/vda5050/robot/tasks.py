@@ -70,7 +70,7 @@ def _add_segment(request: ExecTask, poses: list[Pose2D], optimal: PlanPath.Optim
 
 
 def _node_poses(nodes: tuple[Node, ...], position: Position | None) -> list[Pose2D]:
-    """Return a pose for each node.
+    """Return a pose for each node that has a position.
 
     At a node without `theta`, the heading is the direction in which the robot arrives.
     """
