@@ -201,9 +201,9 @@ def test_a_mark_is_found_by_its_name_and_has_a_kind_of_task(
             eventually(lambda: not browser.is_enabled(".doing #continue"), "the emergency stop")
             robot.clear_faults()
             eventually(lambda: browser.is_enabled(".doing #continue"), "its release")
-    browser.press(".panel #cancel")
+    browser.press(".doing #cancel")
     eventually(lambda: "Cancelled" in browser.text("#ended"), "the end")
-    assert not browser.is_enabled(".panel #cancel")
+    assert not browser.is_enabled(".doing #cancel")
 
 
 def test_what_is_begun_while_an_answer_is_awaited_is_not_forgotten_with_it(
@@ -463,7 +463,7 @@ def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
     again_if_slow(
         browser, lambda: browser.script(give), lambda: browser.text("#running"), "the task"
     )
-    browser.press("#panel #cancel")
+    browser.press(".doing #cancel")
     eventually(lambda: browser.is_enabled(repeat), "its end")
     before = count_tasks(robot)
     browser.press(repeat)
@@ -480,7 +480,7 @@ def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
     title = f"document.querySelector({repeat!r}).title"
     eventually(lambda: "Repeat is off" in browser.script(title), "why it is off")
     assert "Repeat is off" in browser.text("#panel")
-    browser.press("#panel #cancel")
+    browser.press(".doing #cancel")
     eventually(lambda: browser.is_enabled(repeat), "its end")
     switch_map(browser, "scenex")
     assert not browser.is_enabled(repeat)
@@ -500,7 +500,7 @@ def test_a_place_is_not_repeated_on_a_map_that_was_changed(
     again_if_slow(
         browser, lambda: browser.script(give), lambda: browser.text("#running"), "the task"
     )
-    browser.press("#panel #cancel")
+    browser.press(".doing #cancel")
     eventually(lambda: browser.is_enabled(repeat), "its end")
     robot.call(change_map)
     eventually(lambda: not browser.is_enabled(repeat), "the change of the map")
