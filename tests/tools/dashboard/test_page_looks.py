@@ -515,7 +515,7 @@ def bring_about(state: str, robot: SimulatedPage, browser: Browser) -> None:
         browser.press("#stop")
         eventually(lambda: browser.text("#alarm"), "the alarm of the stop")
     elif state == "driving":
-        browser.hold_stick(lambda: "m/s" in browser.text("#now"), "the speed")
+        browser.hold_stick(lambda: re.search("0[.][1-9]", browser.text("#now .speed")), "the speed")
     elif state == "position":
         robot.inject("lost_localisation")
         eventually(lambda: browser.text("#notice"), "the banner")
