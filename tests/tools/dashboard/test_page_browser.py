@@ -449,7 +449,7 @@ def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
     again_if_slow(
         browser, lambda: browser.script(give), lambda: browser.text("#running"), "the task"
     )
-    browser.press("#panel #cancel")
+    browser.press(".doing #cancel")
     eventually(lambda: browser.is_enabled(repeat), "its end")
     before = count_tasks(robot)
     browser.press(repeat)
@@ -466,7 +466,7 @@ def test_repeat_shows_what_is_known_of_the_task_before_it_is_sent(
     title = f"document.querySelector({repeat!r}).title"
     eventually(lambda: "Repeat is off" in browser.script(title), "why it is off")
     assert "Repeat is off" in browser.text("#panel")
-    browser.press("#panel #cancel")
+    browser.press(".doing #cancel")
     eventually(lambda: browser.is_enabled(repeat), "its end")
     switch_map(browser, "scenex")
     assert not browser.is_enabled(repeat)

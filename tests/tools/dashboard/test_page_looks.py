@@ -175,6 +175,66 @@ def test_forced_colours_and_less_motion_are_respected(robot: SimulatedPage, open
     eventually(lambda: browser.script(knob) != on, "the stick that is off")
 
 
+_TITLE = """(async () => {
+  const changed = () => new Promise((done) => setTimeout(() => requestAnimationFrame(done)));
+  const {control} = store;
+  control.value = {...control.value, driver: {name: %s, detail: ""}};
+  await changed();
+  return document.querySelector("#now b").textContent;
+})()"""
+"""Lets something drive the robot; returns what the dock then shows."""
+
+
+def test_the_dock_says_what_drives_a_robot_without_a_task(
+    robot: SimulatedPage, opened: Opened
+) -> None:
+    browser = opened(robot.url, 1440, 900)
+    assert browser.text("#now b") == "Ready"
+    assert browser.script(_TITLE % "'strafe'") == "Driven by strafe"
+    assert browser.script(_TITLE % "'unknown'") == "Ready"
+    assert browser.script(_TITLE % "'nobody'") == "Ready"
+
+
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (1024, 768), (768, 1024), (390, 844)])
+def test_the_state_is_the_largest_text_and_its_edge_tells_what_is_wrong(
+    robot: SimulatedPage, opened: Opened, width: int, height: int
+) -> None:
+    """From 2 m, the state is read and the colour is seen."""
+    sizes = """[...document.querySelectorAll("body *:not(#stop)")]
+      .filter((each) => each.checkVisibility() && each.textContent.trim())
+      .map((each) => [parseFloat(getComputedStyle(each).fontSize), each.closest("#now") !== null])
+    """
+    edge = "getComputedStyle(document.querySelector('.dock')).getPropertyValue('--tone')"
+    browser = opened(robot.url, width, height)
+    largest, is_state = max(browser.script(sizes))
+    assert largest >= (20 if width < 1000 else 28)
+    assert is_state
+    assert browser.script(edge) == ""
+    robot.inject("emergency_stop")
+    eventually(lambda: browser.text("#notice"), "the banner")
+    assert browser.script(edge) != ""
+    eventually(lambda: "emergency stop" in browser.text("#now b"), "the state")
+    assert (
+        browser.script(
+            "(({scrollHeight, clientHeight}) => scrollHeight - clientHeight)"
+            "(document.querySelector('#now'))"
+        )
+        <= 0
+    )
+
+
+def test_esc_while_an_input_method_composes_text_is_no_stop(
+    robot: SimulatedPage, opened: Opened
+) -> None:
+    browser = opened(robot.url, 1440, 900)
+    press = "document.querySelector('#search').dispatchEvent(new KeyboardEvent('keydown', %s))"
+    browser.script(press % "{key: 'Escape', bubbles: true, isComposing: true}")
+    assert not browser.script("store.isPending('stop')")
+    assert browser.text("#answer") == ""
+    browser.script(press % "{key: 'Escape', bubbles: true}")
+    eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
+
+
 def test_both_languages_have_the_same_texts() -> None:
     texts = {
         name: json.loads((PAGE / f"texts/{name}.json").read_text("utf-8")) for name in ("en", "zh")
@@ -455,7 +515,7 @@ def bring_about(state: str, robot: SimulatedPage, browser: Browser) -> None:
         browser.press("#stop")
         eventually(lambda: browser.text("#alarm"), "the alarm of the stop")
     elif state == "driving":
-        browser.hold_stick(lambda: "m/s" in browser.text("#now"), "the speed")
+        browser.hold_stick(lambda: re.search("0[.][1-9]", browser.text("#now .speed")), "the speed")
     elif state == "position":
         robot.inject("lost_localisation")
         eventually(lambda: browser.text("#notice"), "the banner")
@@ -579,7 +639,7 @@ def test_pictures_of_the_documentation(robot: SimulatedPage, opened: Opened) -> 
 @pytest.mark.skipif(not _DOCS, reason="makes the pictures of the documentation")
 @pytest.mark.parametrize(
     ("width", "height", "scale", "columns"),
-    [(1440, 900, 0.6, 2), (1024, 768, 0.75, 2), (768, 1024, 0.65, 5), (390, 844, 0.85, 5)],
+    [(1440, 900, 0.5, 1), (1024, 768, 0.6, 1), (768, 1024, 0.5, 2), (390, 844, 0.7, 2)],
 )
 def test_sheets_of_the_main_states(
     serve: Serve,
@@ -590,11 +650,14 @@ def test_sheets_of_the_main_states(
     scale: float,
     columns: int,
 ) -> None:
+    """Put the plan of each state, and the page beside it, on a sheet."""
     window.set_screen(width, height)
     window.set_media(**{"prefers-color-scheme": "light"})
     cell = round(width * scale), round(height * scale)
     margin, line = 16, 32
-    step = cell[0] + margin, cell[1] + line
+    step = 2 * (cell[0] + margin), cell[1] + line
+    with Image.open(Path(_DOCS or "") / f"dashboard_plan_{width}.webp") as stored:
+        plan = stored.convert("RGB")  # the states below one another
     rows = math.ceil(len(_MAIN_STATES) / columns)
     sheet = Image.new("RGB", (columns * step[0] + margin, rows * step[1] + margin), "#8a93a0")
     for index, (state, title) in enumerate(_MAIN_STATES.items()):
@@ -604,9 +667,13 @@ def test_sheets_of_the_main_states(
             window.driver.save_screenshot(str(path))
         x, y = margin + index % columns * step[0], line + index // columns * step[1]
         font = ImageFont.load_default(18)
-        ImageDraw.Draw(sheet).text((x, y - 26), title, "#000000", font)
+        ImageDraw.Draw(sheet).text((x, y - 26), f"{title}: plan", "#000000", font)
+        ImageDraw.Draw(sheet).text((x + step[0] // 2, y - 26), "page", "#000000", font)
+        sheet.paste(plan.crop((0, index * cell[1], cell[0], (index + 1) * cell[1])), (x, y))
         with Image.open(path) as screen:
-            sheet.paste(screen.convert("RGB").resize(cell, Image.Resampling.LANCZOS), (x, y))
+            sheet.paste(
+                screen.convert("RGB").resize(cell, Image.Resampling.LANCZOS), (x + step[0] // 2, y)
+            )
     sheet.save(Path(_DOCS or "") / f"dashboard_screens_{width}.webp", quality=55, method=6)
 
 

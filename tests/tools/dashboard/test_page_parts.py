@@ -21,6 +21,7 @@ from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import Delay, controlled, dashboard, delayed, fetch, page, say
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -228,6 +229,22 @@ async def test_a_robot_that_is_no_longer_updated_is_not_shown_as_live(
         await viewer.give("stop")
     async with dashboard(chassis) as running, page(running) as viewer:
         await viewer.ready()  # it ends as usual
+
+
+async def test_the_failure_of_a_stick_is_shown_for_its_robot_only(
+    chassis: SimulatorThread, other: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, fails = VelocityDriver.run, iter([False, True])
+
+    async def fail_for_one(driver: VelocityDriver) -> None:
+        if next(fails):
+            raise RuntimeError("an odd velocity")
+        await run(driver)
+
+    monkeypatch.setattr(VelocityDriver, "run", fail_for_one)
+    async with dashboard(chassis, other, control=True) as running, page(running) as viewer:
+        await viewer.until(lambda parts: parts["fleet"][1]["link"] == "failed")
+        await viewer.until(lambda parts: parts["fleet"][0]["link"] == "connected")
 
 
 async def test_a_standing_robot_with_rare_scans_has_data(chassis: SimulatorThread) -> None:

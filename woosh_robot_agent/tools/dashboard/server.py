@@ -10,8 +10,9 @@ import mimetypes
 import socket
 import ssl
 import uuid
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from http import HTTPStatus
 from typing import Any
 from urllib.parse import quote
@@ -174,22 +175,22 @@ class Dashboard:
         self._access.port = self._server.sockets[0].getsockname()[1]
         for robot in self.robots:
             robot.start()
-        for control in self._controls.values():
-            control.start().add_done_callback(self._show_failure)
+        for robot, control in self._controls.items():
+            control.start().add_done_callback(partial(self._show_failure, [robot]))
         for work in (
             self._tell_time(),
             self._shared.publish_changes(_PLACES_PERIOD),
             self._shared.publish_each_second(),
         ):
             task = loop.create_task(work, name="dashboard")
-            task.add_done_callback(self._show_failure)
+            task.add_done_callback(partial(self._show_failure, self.robots))
             self._tasks.append(task)
 
-    def _show_failure(self, task: asyncio.Task[None]) -> None:
-        """Show on the page of each robot that a task of all pages, or of a stick, has failed."""
+    def _show_failure(self, robots: Iterable[Robot], task: asyncio.Task[None]) -> None:
+        """Show on the pages of these robots that a task for them has failed."""
         if not task.cancelled() and (error := task.exception()):
             _LOG.error("the page is no longer updated; restart the dashboard", exc_info=error)
-            for robot in self.robots:
+            for robot in robots:
                 robot.show_failure()
 
     async def close(self) -> None:

@@ -51,7 +51,8 @@ function takesKeys(target) {
 /** @param {KeyboardEvent} event */
 function keyDown(event) {
   if (event.repeat && event.key === "Enter") event.preventDefault(); // it presses a button once
-  if (event.key === "Escape" && (store.mayControl.value || store.lostControl.value)) {
+  const isText = event.isComposing; // Esc ends the composition of an input method
+  if (event.key === "Escape" && !isText && (store.mayControl.value || store.lostControl.value)) {
     if (!event.repeat) stop(); // without control, the refusal raises the alarm
     return;
   }

@@ -6,16 +6,24 @@ import * as commands from "../commands.js";
 import { checkStickPlace, keysOff, stickPlace, toggleSlow } from "../drive.js";
 import * as store from "../store.js";
 import { say, t, tOr } from "../texts.js";
-import { degrees, goalText, Icon, placeText, speedTexts, useSettling } from "./parts.js";
+import {
+  degrees,
+  driverText,
+  goalText,
+  Icon,
+  placeText,
+  speedTexts,
+  useSettling,
+} from "./parts.js";
 import { TaskOptions } from "./go.js";
-import { remedyOf } from "./notices.js";
+import { remedyOf, wrongTone } from "./notices.js";
 import { taskButtons, taskState } from "./tasks.js";
 
 const TURN = Math.PI / 180; // radians by which a button turns the pose
 const TRAVEL = 132; // half of the stick's width, in percent of the knob's width
 
 export function Dock() {
-  return html`<section class="dock" aria-label=${t("dock.name")}>
+  return html`<section class="dock ${tone()}" aria-label=${t("dock.name")}>
     <div class="doing">
       <${ControlOwner} />
       <${CurrentTask} />
@@ -138,7 +146,17 @@ function shownState() {
     return { title: say(reason), notice: reason.objection ?? "" };
   if (hasFault()) return { title: t("state.fault"), notice: "fault" };
   const state = robot.value?.state ?? "";
+  const driver = store.control.value?.driver.name ?? "nobody";
+  if (state === "idle" && driver !== "nobody" && driver !== "unknown")
+    return { title: t("dock.drivenBy", { driver: driverText(driver) }), notice: "" };
   return { title: tOr(`state.${state}`, state), notice: "" };
+}
+
+/** Return the CSS class of the worst that is wrong, or else of a robot that moves or has a task. */
+function tone() {
+  if (wrongTone.value || store.outdated.value) return wrongTone.value;
+  const { linear = 0, angular = 0 } = store.pose.value ?? {};
+  return store.robot.value?.task?.running || linear || angular ? "accent" : "";
 }
 
 const hasFault = () => store.robot.value?.problems.some(({ level }) => level === "fault");
@@ -346,7 +364,7 @@ export function ReadOnly() {
   const title = task?.running && entry ? goalText(entry) : state.title;
   const looking = [remedyOf(state.notice), t("dock.looking")].filter(Boolean).join(" ");
   const text = task?.running ? taskState(task) : looking;
-  return html`<section class="dock looking" aria-label=${t("dock.name")}>
+  return html`<section class="dock looking ${tone()}" aria-label=${t("dock.name")}>
     ${target ? html`<div class="doing"><${Preview} /></div>` : html`<${Now} title=${title} text=${text} />`}
   </section>`;
 }

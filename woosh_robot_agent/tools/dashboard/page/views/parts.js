@@ -221,3 +221,11 @@ export const compact = matchMedia("(max-width: 999px), (max-height: 599px)");
 
 /** Media query for screens on which a notice is folded to one line. */
 export const tiny = matchMedia("(max-width: 479px), (max-height: 599px)");
+
+/**
+ * Return what drives the robot, in the language of the page.
+ * @param {import("../texts.js").Value} name
+ */
+export function driverText(name) {
+  return typeof name === "string" ? tOr(`driver.${name}`, name) : say(name);
+}

@@ -224,7 +224,11 @@ function Notices() {
     }
     ${
       notice &&
-      html`<section class="notice ${notice.tone}" id="notice" role="status">
+      html`<section
+        class="notice ${notice.tone} ${notice.name === "emergency_stop" ? "stopped" : ""}"
+        id="notice"
+        role="status"
+      >
         <details key=${key} open=${!isTiny}>
           <summary><${Icon} name="alarm" /><b>${withQuietNumbers(notice.title)}</b></summary>
           <p>${notice.text}</p>

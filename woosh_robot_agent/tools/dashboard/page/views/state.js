@@ -8,6 +8,7 @@ import { notices, otherProblems, wrongCount } from "./notices.js";
 import {
   alarmText,
   degrees,
+  driverText,
   LEVEL_CLASSES,
   linkText,
   mapText,
@@ -104,11 +105,6 @@ function Summary({ robot }) {
       )}
     </dl>
   </section>`;
-}
-
-/** @param {import("../texts.js").Value} name */
-function driverText(name) {
-  return typeof name === "string" ? tOr(`driver.${name}`, name) : say(name);
 }
 
 /** @param {{robot: store.Robot}} props */

@@ -33,7 +33,6 @@ export function Tasks() {
             </ul>`
           : html`<p class="faint">${t(known ? "tasks.none" : "tasks.unknown")}</p>`
       }
-      ${store.mayControl.value && html`<div class="act">${taskButtons()}</div>`}
     </section>
     <section>
       <h2>${t("tasks.ended")}</h2>
