@@ -388,7 +388,7 @@ def test_a_change_of_the_map_ends_what_was_chosen_and_what_can_be_repeated(
     again_if_slow(
         browser, lambda: browser.script(give), lambda: browser.text("#running"), "the task"
     )
-    browser.press("#panel #cancel")
+    browser.press(".doing #cancel")
     eventually(lambda: browser.is_enabled(repeat), "its end")
     browser.show("go")
     browser.press("#marks li:nth-child(2) button")

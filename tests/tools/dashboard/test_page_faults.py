@@ -17,6 +17,7 @@ from tests.quick_chassis import set_speed
 from tests.tools.dashboard.browsers import Browser, RobotThread, SimulatedPage, eventually
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import (
+    TOO_SLOW,
     Delay,
     delayed,
     is_driving,
@@ -32,6 +33,7 @@ from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import server
+from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -120,6 +122,26 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
     eventually(lambda: browser.text("#alarm") == "", "the end of the alarm")
     browser.drive(robot)
     assert browser.text("#answer") == ""
+
+
+def test_over_a_slow_connection_nothing_drives_but_stop_works(
+    robot: SimulatedPage, window: Browser
+) -> None:
+    delay = Delay()
+    url = robot.enter(dashboard_beside(robot.call(lambda simulator: simulator), 0))
+    port = robot.enter(delayed(url, delay))
+    window.open(f"http://127.0.0.1:{port}/")
+    delay.there = delay.back = 0.4
+    former = window.script("store.sample.value")
+    eventually(lambda: window.script("store.sample.value") != former, "late parts")
+    window.push_stick()
+    eventually(lambda: TOO_SLOW in window.text("#answer"), "the refusal")
+    assert window.script("store.held.value === null")
+    window.release()
+    assert not is_driving(robot)
+    window.press("#stop")
+    eventually(lambda: "stopped" in window.text("#answer"), "the stop")
+    assert robot.counts[full_name(Twist)] == 1
 
 
 def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Path) -> None:
