@@ -8,6 +8,7 @@ prints one JSON object.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import sys
@@ -16,6 +17,7 @@ from collections import Counter
 from typing import Any
 
 import rclpy
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -38,11 +40,10 @@ class Caller:
 
     def __init__(self) -> None:
         self._request = Speak.Request(arg=SpeakMsg(text="a flood"))
-        node = Node(f"caller_{os.getpid()}")
+        self._node = Node(f"caller_{os.getpid()}")
         # deep enough for all answers: one that DDS overwrites would count as missing
-        self._client = node.create_client(
-            Speak, f"{NAMESPACE}/robot/Speak", qos_profile=QoSProfile(depth=50_000)
-        )
+        self._qos = QoSProfile(depth=50_000)
+        self._client = self._new_client()
         self._sent: dict[int, float] = {}
         """Time of each call, by its sequence number."""
         self._answers: Counter[int] = Counter()
@@ -51,6 +52,9 @@ class Caller:
         """Number of answers, by their result: `ok`, or why the call was refused."""
         self._waits: list[float] = []
         """Times from a call to its answer, in seconds."""
+
+    def _new_client(self) -> Client[Speak.Request, Speak.Response]:
+        return self._node.create_client(Speak, f"{NAMESPACE}/robot/Speak", qos_profile=self._qos)
 
     def wait_for_service(self) -> None:
         """Wait until the service has answered a call.
@@ -61,8 +65,12 @@ class Caller:
         """
         while not self._client.service_is_ready():
             time.sleep(0.05)
-        while not self._call_once():
-            pass
+        for attempt in itertools.count(1):
+            if self._call_once():
+                return
+            if attempt % 10 == 0:  # on a busy machine, DDS sometimes never matches a client
+                self._node.destroy_client(self._client)
+                self._client = self._new_client()
 
     def _call_once(self) -> bool:
         """Call once and wait for an answer; return False after a timeout."""
