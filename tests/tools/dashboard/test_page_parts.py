@@ -330,7 +330,7 @@ async def test_a_long_history_does_not_delay_a_stop_over_a_slow_connection(
         running.robots[0]._samples = [
             [1_700_000_000 + n, 0.123, 93, 1.2, False] for n in range(3000)
         ]
-        delay.rate = 8e3
+        delay.rate = 16e3
         asking = asyncio.ensure_future(viewer.give("history"))
         await asyncio.sleep(0.5)
         await viewer.send(do="visible", visible=False)
