@@ -309,7 +309,9 @@ class MotionGate:
             try:
                 callback()
             except Exception:  # the robot must be stopped, whatever else fails
-                _LOG.exception("the robot is stopped, but a part of the program failed to note it")
+                _LOG.exception(
+                    "a part of the program failed to note a stop, which is sent all the same"
+                )
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
         return await self._send_stop(timeout)
 

@@ -51,8 +51,8 @@ function takesKeys(target) {
 /** @param {KeyboardEvent} event */
 function keyDown(event) {
   if (event.repeat && event.key === "Enter") event.preventDefault(); // it presses a button once
-  const isText = event.isComposing; // Esc ends the composition of an input method
-  if (event.key === "Escape" && !isText && (store.mayControl.value || store.lostControl.value)) {
+  const composing = event.isComposing; // Esc then belongs to the input method
+  if (event.key === "Escape" && !composing && (store.mayControl.value || store.lostControl.value)) {
     if (!event.repeat) stop(); // without control, the refusal raises the alarm
     return;
   }
