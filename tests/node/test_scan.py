@@ -81,9 +81,10 @@ def test_a_slow_chassis_gets_one_request_at_a_time(simulator, start_agent, clien
     simulator.intercept(note)
     simulator.delay(SCANNER, 0.3)
     scans(client).wait_count(3)  # 0.1 s is the period of scan_rate
-    gaps = [after - before for before, after in itertools.pairwise(requested)]
+    answered = list(requested)  # before the count, which goes on
+    gaps = [after - before for before, after in itertools.pairwise(answered)]
     assert min(gaps) > 0.29
-    assert simulator.counts[SCANNER] > len(requested)
+    assert simulator.counts[SCANNER] > len(answered)
 
 
 def test_scan_shows_the_walls(simulator: SimulatorThread, agent, client):
