@@ -26,6 +26,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     NavPath,
     RobotInfo,
     RobotState,
+    Scene,
     TaskProc,
 )
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -155,6 +156,25 @@ class TestMap:
         scene.maps[0].map_png = png([[0]])
         assert client.command("robot/SwitchMap", scene_name="scenex").ok
         assert list(grids.wait(lambda m: m.info.width == 1).data) == [100]
+
+    def test_a_map_that_is_replaced_while_it_is_requested_is_not_shown(
+        self, simulator, scene, agent, client
+    ):
+        old = SceneData()
+        old.CopyFrom(scene)
+        scene.maps[0].map_png = png([[0]])
+        first = iter([Scene(scene_name="wooshmap", map_name="wooshmap", version=99)])
+
+        def answer(frame: Outgoing) -> list[Outgoing]:
+            change = next(first, None) if frame.request == SCENE_DATA else None
+            if change is None:
+                return [frame]
+            return [Outgoing("woosh.robot.Scene", change), replace(frame, body=old)]
+
+        simulator.intercept(answer)
+        grids = client.echo(OccupancyGrid, "map")
+        grids.wait(lambda m: m.info.width == 1)
+        assert [grid.info.width for grid in grids.messages] == [1]
 
     def test_a_bad_image_is_logged_once(self, simulator, scene, agent, client, logs):
         scene.maps[0].map_png = b"no picture"

@@ -208,22 +208,20 @@ class Map(Part):
         used, epoch = self._used, self._epoch
         if used is None:
             return
-        now = asyncio.get_running_loop().time()
+        self._not_before = asyncio.get_running_loop().time() + _RETRY_DELAY
         try:
             area = await scene_map(self._context.robot.chassis, used.scene, used.map_id, used.name)
         except (LinkError, MapError) as error:
             self._log.warn("map", f"no map: {error}")
-            self._not_before = now + _RETRY_DELAY
             return
         try:
             origin = Pose2D.from_message(area.origin)
             message = await grid(self._context, area.map_png, area.resolution, origin)
         except ValueError as error:
             self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
-            self._not_before = now + _RETRY_DELAY
             return
         mask = await self._keepout_mask(area, message)
-        if epoch is not self._epoch or self._growing.active:
+        if epoch is not self._epoch or used != self._used or self._growing.active:
             return
         self._publisher.publish(message)
         if mask is not None:
