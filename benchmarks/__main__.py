@@ -15,10 +15,10 @@ BENCHMARKS = {
         "benchmarks.dashboard",
         "cost of the page in the browser, by number of viewers",
     ),
-    "faults": ("tests.robustness.faults", "every fault, alone and in pairs, amid traffic"),
+    "faults": ("benchmarks.robustness.faults", "every fault, alone and in pairs, amid traffic"),
     "fleet": ("benchmarks.fleet", "cost of VDA 5050 vehicles, by number of robots"),
-    "flood": ("tests.robustness.flood", "too many calls, pushes and bytes; slow answers"),
-    "fuzz": ("tests.robustness.fuzz", "malformed frames, requests and bytes"),
+    "flood": ("benchmarks.robustness.flood", "too many calls, pushes and bytes; slow answers"),
+    "fuzz": ("benchmarks.robustness.fuzz", "malformed frames, requests and bytes"),
     "links": ("benchmarks.links", "WebSocket and TCP, JSON and protobuf, compared"),
     "maps": ("benchmarks.maps", "transfer of a map of 20 MiB, over each kind of link"),
     "odom": ("benchmarks.odom", "error of odom between the robot's reports"),
@@ -26,7 +26,7 @@ BENCHMARKS = {
     "recording": ("benchmarks.recording", "cost of `record` at 1000 frames a second"),
     "scale": ("benchmarks.scale", "cost by number of robots, push rate and scan size"),
     "setup": ("benchmarks.setup", "time of scripts/setup in new checkouts; takes minutes"),
-    "soak": ("tests.robustness.soak", "an hour of mixed traffic and faults"),
+    "soak": ("benchmarks.robustness.soak", "an hour of mixed traffic and faults"),
     "speed": ("benchmarks.speed", "cost of the agent relative to bare rclpy and sockets"),
 }
 """Module and description of each benchmark. Each module has `main(arguments) -> exit status`."""

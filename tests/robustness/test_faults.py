@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.robustness.faults import run_block
-from tests.robustness.rig import KINDS, Rig
-from tests.robustness.scenarios import ALONE, BLOCK, COMBINATIONS, plan, run
+from benchmarks.robustness.faults import run_block
+from benchmarks.robustness.rig import KINDS, Rig
+from benchmarks.robustness.scenarios import ALONE, BLOCK, COMBINATIONS, plan, run
 from woosh_robot_agent.simulator.faults import FAULTS
 
 SCENARIOS = 2

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.figures import figures_table
-from tests.robustness.flood import Size, run
+from benchmarks.robustness.flood import Size, run
 
 
 @pytest.mark.timeout(900)

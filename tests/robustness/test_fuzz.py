@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from benchmarks.robustness.fuzz import fuzz
+from benchmarks.robustness.fuzz_targets import ACCEPTED, TARGETS, Target
 from tests.convert.random_messages import extremes
 from tests.link.link_peer import TIMEOUT, Peer, Wire, eventually, turns
-from tests.robustness.fuzz import fuzz
-from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target
 from woosh_robot_agent.link.codecs.json_codec import from_json
 from woosh_robot_agent.link.frames import FieldError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.figures import figures_table
-from tests.robustness.soak import Length, run
+from benchmarks.robustness.soak import Length, run
 
 SHORT = Length(
     seconds=10.0,

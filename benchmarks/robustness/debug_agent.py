@@ -1,6 +1,6 @@
 """The agent as a program that prints its debug state on request.
 
-    python -m tests.robustness.debug_agent --ros-args ...
+    python -m benchmarks.robustness.debug_agent --ros-args ...
 
 The program answers each line on stdin with one line of JSON. In all other respects it is the
 program that users run.

@@ -20,9 +20,9 @@ from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import GetParameters
 from rclpy.logging import LoggingSeverity
 
+from benchmarks.robustness.traffic import DuplicateAnswers, Traffic
 from tests.harness import Client
 from tests.quick_chassis import quick_config
-from tests.robustness.traffic import DuplicateAnswers, Traffic
 from woosh_robot_agent.link.transport import TcpTransport, WebSocketTransport
 from woosh_robot_agent.robot import code_log
 from woosh_robot_agent.simulator import SimulatorThread

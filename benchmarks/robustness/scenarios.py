@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from tests.robustness.rig import (
+from benchmarks.robustness.rig import (
     BACKOFF_MAX,
     KINDS,
     MAX_FRAME_MIB,
@@ -23,7 +23,7 @@ from tests.robustness.rig import (
     BrokenPromiseError,
     Rig,
 )
-from tests.robustness.traffic import Mark, Traffic, marks_of
+from benchmarks.robustness.traffic import Mark, Traffic, marks_of
 from woosh_robot_agent.simulator.faults import FAULTS
 
 ALONE: tuple[tuple[str, ...], ...] = tuple((name,) for name in FAULTS)

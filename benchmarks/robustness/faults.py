@@ -12,8 +12,8 @@ from concurrent.futures.process import BrokenProcessPool
 from itertools import groupby
 
 from benchmarks.figures import markdown
-from tests.robustness.rig import KINDS, BrokenPromiseError, Rig
-from tests.robustness.scenarios import BACK_WITHIN, BLOCK, Outcome, plan, run
+from benchmarks.robustness.rig import KINDS, BrokenPromiseError, Rig
+from benchmarks.robustness.scenarios import BACK_WITHIN, BLOCK, Outcome, plan, run
 from woosh_robot_agent.simulator.faults import FAULTS
 
 NOTICED_WITHIN = 10.0

@@ -24,10 +24,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from benchmarks.figures import Figure, markdown, print_and_judge
 from benchmarks.processes import MIB
+from benchmarks.robustness.agent_process import DebugAgentProcess, connected_agent
+from benchmarks.robustness.traffic import DuplicateAnswers, Traffic
 from tests.harness import Client
 from tests.quick_chassis import quick_config
-from tests.robustness.agent_process import DebugAgentProcess, connected_agent
-from tests.robustness.traffic import DuplicateAnswers, Traffic
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS, Topic
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene

@@ -20,9 +20,9 @@ _ANSWER_TIMEOUT = 120.0
 
 
 class DebugAgentProcess(AgentProcess):
-    """The program `tests.robustness.debug_agent`. It takes the arguments of its base class."""
+    """The program `benchmarks.robustness.debug_agent`. It takes the arguments of its base class."""
 
-    module = "tests.robustness.debug_agent"
+    module = "benchmarks.robustness.debug_agent"
     popen_options = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "cwd": ROOT}
 
     def __init__(self, domain: int, **parameters: Any) -> None:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from benchmarks.figures import markdown
-from tests.robustness.fuzz_targets import ACCEPTED, TARGETS, Target, batches
+from benchmarks.robustness.fuzz_targets import ACCEPTED, TARGETS, Target, batches
 
 HANG_TIMEOUT = 120
 """Timeout for a batch of inputs, in seconds. After it the target counts as hanging."""

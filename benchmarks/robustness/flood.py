@@ -20,10 +20,10 @@ from typing import Any
 
 from benchmarks.figures import Figure, print_and_judge
 from benchmarks.processes import MIB, start_module
+from benchmarks.robustness.agent_process import DebugAgentProcess, connected_agent
+from benchmarks.robustness.traffic import DuplicateAnswers
 from tests.harness import Client
 from tests.quick_chassis import quick_config
-from tests.robustness.agent_process import DebugAgentProcess, connected_agent
-from tests.robustness.traffic import DuplicateAnswers
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing import own_domain, wait_until
 from woosh_robot_msgs.msg import PoseSpeed as PoseSpeedMsg
