@@ -103,7 +103,7 @@ class PushQueue:
         return pushes
 
     def _discard_oldest(self, name: str) -> None:
-        """Remove the oldest push of a type; another one takes its place, so none is subtracted."""
+        """Remove the oldest push of a type to make room for a new one, so `_waiting` stays."""
         for index, (queued, _) in enumerate(self._queue):
             if queued == name:
                 del self._queue[index]
@@ -291,9 +291,10 @@ class Subscriptions:
                 if not len(queue):
                     await queue.wait()
                     slice_started = now()  # other tasks ran meanwhile
-                delivery = queue.get()()
-                if delivery is not None:  # a large value is being prepared; later ones must wait
-                    await delivery
+                deliver = queue.get()
+                unfinished = deliver()
+                if unfinished is not None:  # a large value is to be prepared; later ones must wait
+                    await unfinished
                 if now() - slice_started > _TIME_SLICE:
                     await asyncio.sleep(0)
                     slice_started = now()

@@ -200,7 +200,7 @@ class SpeedLimiter:
         A refusal ends the attempts for this navigation, unless the limit has changed meanwhile.
 
         Args:
-            navigation: current value of `_navigation`.
+            navigation: the navigation to limit: the value of `_navigation` before the request.
             limit: maximum speed, in m/s; infinite without a limit.
         """
         try:

@@ -57,7 +57,8 @@ class SenderClock:
     The clocks of two computers may differ by any amount, and neither is trusted. The time of
     receipt less the source time is the difference of the clocks plus the transit time. Its smallest
     value of the last seconds is taken for the difference of the clocks; the rest is transit time.
-    For the first message, which may be late, a value of less than `_WINDOW` is all transit time.
+    The first message may be late itself: if its value is between 0 and `_WINDOW`, the clocks count
+    as equal, and all of the value as transit time.
     """
 
     def __init__(self) -> None:
@@ -124,7 +125,7 @@ class StallWatch:
         self.ended = -math.inf
         self.duration = 0.0
         self._last = math.inf
-        """Time of the last heartbeat, or of the end of a stall since, by `boot_time`; inf before
+        """Time of the last heartbeat, or of the end of a stall after it, by `boot_time`; inf before
         `start` and after `stop`."""
         self._timer: asyncio.TimerHandle | None = None
 

@@ -56,7 +56,9 @@ def is_held_up(task_proc: TaskProc) -> bool:
 
 
 class WheelOwner:
-    """Follows the reports on tasks and actions, whichever client started them.
+    """Tells which task or actions move the robot, by the chassis's reports.
+
+    It does not matter which client started them.
 
     Args:
         chassis: the link; used in its event loop only.
