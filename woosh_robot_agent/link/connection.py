@@ -91,6 +91,7 @@ class Expiry:
         self._timer, self._at = None, math.inf
 
     def _due(self) -> None:
+        """Fail what is overdue, and set the timer for the deadline after it."""
         self._timer, self._at = None, math.inf
         self.watch(self._expire(self._loop.time()))
 
@@ -173,7 +174,7 @@ class Liveness:
                     quiet = self._measure_silence()
                 if probe.done():
                     probe.result()
-            except RequestTimeoutError:
+            except RequestTimeoutError:  # of a probe that is a request: the silence decides
                 pass
             finally:
                 await cancel_and_wait(probe)
@@ -190,6 +191,7 @@ class Liveness:
         await wait
 
     async def _probe_once(self) -> None:
+        """Probe the other end; its answer is a sign of life."""
         await self._probe()
         self.note_alive()
 
@@ -485,6 +487,7 @@ class Connection:
             self._fail_unexpectedly(error)
 
     def _fail_unexpectedly(self, error: Exception) -> None:
+        """End the connection because of a defect of this program, which is logged."""
         _LOG.exception("the link to %s failed", self._transport.peer)
         self._fail(ConnectionLostError(_INTERNAL(error=repr(error))))
 
@@ -539,6 +542,7 @@ class Connection:
     async def _encode_aside(
         self, sn: int, pending: _Pending, encode: Callable[[], str | bytes]
     ) -> None:
+        """Encode a large request aside; then its frame in the outbox can be sent."""
         try:
             data = await aside(encode)
         except Exception as error:  # the caller gets it, as from a small request
@@ -649,6 +653,7 @@ class Connection:
         self._start_aside(self._guard(partial(self._decode_aside, data, newer)))
 
     def _start_aside(self, work: Coroutine[Any, Any, None]) -> None:
+        """Start a task that waits for a large frame; `close` cancels it."""
         task = self._loop.create_task(work)
         self._aside_tasks.add(task)
         task.add_done_callback(self._aside_tasks.discard)
@@ -704,6 +709,7 @@ class Connection:
             pending.tap(answer)
 
     def _count_bad(self, error: FrameError, name: str = "") -> None:
+        """Count and log a frame that cannot be read; `name` is the type of its body, if known."""
         self._stats.bad_frames[error.kind] += 1
         skipped = "the timestamp of a frame" if error.kind == "timestamp" else "a bad frame"
         self._log.warn(

@@ -326,6 +326,7 @@ class Subscriptions:
             self._deliver_now(body)
 
     def _deliver_now(self, body: Body) -> None:
+        """Call the consumers of a push, up to the first one that cannot read its body."""
         for consumer in tuple(self._consumers[body.type]):
             try:
                 call_logged(consumer.take, body)
@@ -367,6 +368,7 @@ class Subscriptions:
         return None
 
     async def _deliver_large_snapshot(self, info: RobotInfo) -> None:
+        """Deliver a large RobotInfo; pushes wait in the queue meanwhile."""
         self._preparing = True
         await self._deliver_large(info, self._snapshot_consumers)
         self._preparing = False

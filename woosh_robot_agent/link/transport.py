@@ -262,6 +262,7 @@ class TcpTransport:
         return part
 
     async def _skip(self, size: int) -> None:
+        """Read and discard the next `size` bytes."""
         while size:
             size -= len(await self._read_part(size))
 

@@ -564,6 +564,7 @@ class MotionGate:
             _LOG.error("%s", report.message)
 
     def _link_changed(self, state: LinkState) -> None:
+        """Watch for stalls while there is a link or one is being opened."""
         if state in (LinkState.CONNECTING, LinkState.READY):
             self._stalls.start()
         else:

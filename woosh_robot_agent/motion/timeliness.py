@@ -31,7 +31,7 @@ class MotionTiming:
     """Times in the rules of motion, in seconds."""
 
     max_age: float = 0.5
-    """Maximum age at which a velocity is sent. The chassis keeps a received velocity as long."""
+    """Maximum age at which a velocity is sent. The chassis keeps a received one for as long."""
     unanswered: float = 0.5
     """Time without an answer to a velocity after which further velocities are held back."""
     driving: float = 1.5
@@ -157,6 +157,7 @@ class StallWatch:
         return published < self.ended + self._timing().settle
 
     def _beat(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Note a heartbeat, and schedule the next one."""
         self.check()
         self._last, now = boot_time(), time.monotonic()
         # multiples of the period, so that the watches of all robots wake the loop at the same time
@@ -244,6 +245,7 @@ class LatestWins(Generic[T]):
             self._held.set_exception(SupersededError(NOT_SENT(reason=reason)))
 
     def _release(self) -> None:
+        """Let the velocity that is held back be sent, if there is one."""
         if self._held is not None and not self._held.done():
             self._held.set_result(None)
 

@@ -281,6 +281,7 @@ class VelocityDriver:
 
     @property
     def _max_age(self) -> float:
+        """Maximum age at which a velocity is sent, in seconds."""
         limits = self._limits()
         return min(limits.max_age, limits.timeout, self._gate.timing.max_age)
 
@@ -329,6 +330,7 @@ class VelocityDriver:
         task.add_done_callback(self._requests.discard)
 
     async def _request(self, velocity: Twist, published: float | None) -> None:
+        """Send a velocity through the gate; log why it failed."""
         try:
             sender = Sender(self._name, published, self._max_age)
             await self._gate.request(velocity, sender=sender)
@@ -345,6 +347,7 @@ class VelocityDriver:
         self._wake.set()
 
     def _link_changed(self, state: LinkState) -> None:
+        """Forget the velocities when the link is lost; send the zero of rule 7 when it is back."""
         if state is not LinkState.READY:
             self._waiting = None
             self._needs_zero = self._needs_zero or self._driving

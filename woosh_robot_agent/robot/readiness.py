@@ -260,6 +260,7 @@ def _certain(info: RobotInfo) -> Iterator[Objection]:
 
 
 def _failed_parts(hardware: HardwareState) -> Iterator[Objection]:
+    """Yield an objection for each part that is reported as failed."""
     for field, value in hardware.ListFields():
         if field.enum_type is None:  # not the state of a part
             continue

@@ -206,11 +206,13 @@ _MAX_FAILED = 16
 
 
 def _after_space(text: str, at: int) -> int:
+    """Return the next place from `at` on that is no white space."""
     found = _SPACE.match(text, at)
     return at if found is None else found.end()
 
 
 def _scan(text: str, at: int) -> tuple[Any, int]:
+    """Return the value that begins at a place of the text, and the place of its end."""
     return _DECODER.raw_decode(text, at)
 
 
