@@ -291,8 +291,7 @@ class Subscriptions:
                 if not len(queue):
                     await queue.wait()
                     slice_started = now()  # other tasks ran meanwhile
-                deliver = queue.get()
-                unfinished = deliver()
+                unfinished = queue.get()()  # no variable keeps the push, which may be large
                 if unfinished is not None:  # a large value is to be prepared; later ones must wait
                     await unfinished
                 if now() - slice_started > _TIME_SLICE:
