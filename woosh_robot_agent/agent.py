@@ -232,7 +232,10 @@ _MIB = 1024 * 1024
 _MMAP_THRESHOLD = 32 * _MIB
 """Size from which glibc maps a block separately, in bytes; the largest that glibc allows."""
 _TRIM_THRESHOLD = 256 * _MIB
-"""Size of the unused end of the heap above which glibc returns this end at once, in bytes."""
+"""Size of the unused end of the heap above which glibc returns this end at once, in bytes.
+
+Large, so that memory is usually returned by `Heap.trim`.
+"""
 _TRIM_PERIOD = 5.0
 """Time between two checks of the unused memory, in seconds."""
 _TRIM_GROWTH = 8 * _MIB
@@ -288,7 +291,8 @@ class Heap:
         self._due = now + _TRIM_PERIOD
         unused = self._unused()
         if unused < self._untrimmable + _TRIM_GROWTH:
-            self._untrimmable = min(self._untrimmable, unused)  # blocks may have filled gaps
+            # new blocks may have filled gaps, so that less is untrimmable
+            self._untrimmable = min(self._untrimmable, unused)
             return
         self._libc.malloc_trim(0)
         self._untrimmable = self._unused()

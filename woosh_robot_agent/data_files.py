@@ -155,8 +155,8 @@ def structure(
         value: the data, as YAML or JSON loads them.
         where: name of the file, and the path of the value in it, for errors: `FILE: a.b[2]`.
         known_only: True to refuse keys that no field has, False to ignore them.
-        own: True for a file that no person writes: it may have empty texts, and any number of
-            values.
+        own: True for a file that this package has written, not a person: it may have empty texts,
+            and any number of values.
 
     Raises:
         DataFileError: the data do not fit the type.
@@ -165,7 +165,7 @@ def structure(
 
 
 class _Reader:
-    """Implementation of `structure`."""
+    """Implementation of `structure`, which describes the arguments."""
 
     def __init__(self, known_only: bool, own: bool) -> None:
         self._known_only = known_only
@@ -234,7 +234,7 @@ class _Reader:
             elif each.default is not MISSING or each.default_factory is not MISSING:
                 continue  # null stands for the default
             elif each.name in value and types.NoneType in typing.get_args(hint):
-                values[each.name] = None
+                values[each.name] = None  # a required key whose value may be null
             else:
                 raise DataFileError(f"{where}: {each.name} is missing")
         with _errors_at(where):

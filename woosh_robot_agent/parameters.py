@@ -120,7 +120,7 @@ class Parameter:
 def parameter_field(
     default: Any, description: str, low: float = 0, high: float = 0, *, read_only: bool = False
 ) -> Any:
-    """Return a dataclass field that declares a parameter of its name; see `Parameter`."""
+    """Return a dataclass field that declares the parameter of the same name; see `Parameter`."""
     parameter = Parameter("", default, description, low, high, read_only)
     return dataclasses.field(default=default, metadata={"parameter": parameter})
 

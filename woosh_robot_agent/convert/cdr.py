@@ -43,11 +43,11 @@ def serialize(message: Any) -> bytes:
 
 
 def packer(codes: str) -> Callable[[int], struct.Struct]:
-    """Return a function that returns the Struct of some numbers, with padding in front of them.
+    """Return a function that selects the Struct with which some numbers are appended to a buffer.
 
-    Its argument is the length of the buffer to which the numbers are appended, modulo 8. The
-    padding depends on it: each number is aligned to its size, counted from the end of the
-    encapsulation header.
+    CDR aligns each number to its size, counted from the end of the encapsulation header. So the
+    padding in front of the numbers depends on the length of the buffer. There is one Struct for
+    each length modulo 8, which is the argument of the function.
 
     Args:
         codes: format characters of `struct`, one for each number.
@@ -86,9 +86,10 @@ def _writer(ros_class: Any) -> _Write:
             run.append(("B", "0"))  # a struct has at least one member
         for name, ros_type in types.items():
             value = f"{path}.{name}"
+            is_list = item_type(ros_type) is not None or "[" in ros_type
             if ros_type in _FORMATS:
                 run.append((_FORMATS[ros_type], value))
-            elif "/" in ros_type and item_type(ros_type) is None and "[" not in ros_type:
+            elif "/" in ros_type and not is_list:
                 # a nested message: its fields follow without a header
                 add(class_of(ros_type), value)
             else:

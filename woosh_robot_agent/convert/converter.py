@@ -119,7 +119,7 @@ class RequestMaker:
         """Set the robot's id in a message, if its type has the field and the id is not set yet."""
         if self.robot_id and "robot_id" in message.DESCRIPTOR.fields_by_name:
             field = message.DESCRIPTOR.fields_by_name["robot_id"]
-            # an id that the client has set takes precedence
+            # an id that the client has set takes precedence; `robot_id` is a member of a oneof
             if message.WhichOneof(field.containing_oneof.name) is None:
                 message.robot_id = self.robot_id
         return message  # type: ignore[no-any-return]

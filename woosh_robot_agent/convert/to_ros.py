@@ -285,7 +285,11 @@ def maker(ros_class: Any, proto_class: Any, origin: Origin) -> Make:
 def _set(
     made: MessageSource, name: str, ros_type: str, field: Any, origin: Origin, *, optional: bool
 ) -> None:
-    """Write source that sets the field `name` from `v`, or to its blank value if `v` is None."""
+    """Write source that sets the field `name` from `v`.
+
+    With `optional`, `v` may be None. Then the field gets its blank value: 0, or an empty text, list
+    or message.
+    """
     source, items = made.source, item_type(ros_type)
     if items is not None:
         blank, value = _list_expressions(source, items, field, origin)

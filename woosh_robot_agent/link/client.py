@@ -404,6 +404,7 @@ class ChassisClient:
         return self._reconnect.connection
 
     async def _send(self, message: Message, how: Sending) -> Answer:
+        """Send a request, also a reserved one, if it is permitted and the link is ready."""
         if not how.always:
             self.check_permitted(message)
         connection = self._reconnect.connection

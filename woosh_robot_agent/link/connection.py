@@ -91,6 +91,7 @@ class Expiry:
         self._timer, self._at = None, math.inf
 
     def _due(self) -> None:
+        """Fail what is overdue, and set the timer for the deadline after it."""
         self._timer, self._at = None, math.inf
         self.watch(self._expire(self._loop.time()))
 
@@ -100,7 +101,10 @@ _IDLE_SHARE = 0.4
 _MARGIN = 0.03
 """Share of the timeout kept for timers that fire late, so that the timeout is not exceeded."""
 _STEP_SHARE = 0.02
-"""Longest step in which the answer to a probe is awaited, as a share of the timeout."""
+"""Longest step in which the answer to a probe is awaited, as a share of the timeout.
+
+A wait that ends late by no more than this counts in full.
+"""
 
 
 class Liveness:
@@ -109,8 +113,8 @@ class Liveness:
     Signs of life are valid frames. Bytes of unfinished frames in either direction count, too: a map
     of several MiB may take longer than the timeout.
 
-    Silence is measured in a time of its own, which stands still while this program is busy: what
-    arrives meanwhile is still unread. A wait counts for little longer than it was meant to last.
+    Silence is measured by a clock of its own, which stands still while this program is busy: what
+    arrives meanwhile is still unread. The program was busy if a wait ends later than it should.
 
     Args:
         transport: the transport to watch.
@@ -133,9 +137,10 @@ class Liveness:
         self._sent = sent
         self._loop_time = asyncio.get_running_loop().time
         self._latest = self._loop_time()
-        """Latest end of the current wait; from then until the next one, time stands still."""
+        """Time at which the current wait should have ended; there, the clock stands still until
+        the next wait."""
         self._busy = 0.0
-        """Duration for which this program was busy so far, in seconds."""
+        """Total time for which the clock stood still, in seconds."""
         self._alive_at = self._now()
         """Time of the last sign of life."""
         self._accepted_at = self._now()
@@ -169,23 +174,24 @@ class Liveness:
                     quiet = self._measure_silence()
                 if probe.done():
                     probe.result()
-            except RequestTimeoutError:
+            except RequestTimeoutError:  # of a probe that is a request: the silence decides
                 pass
             finally:
                 await cancel_and_wait(probe)
 
     def _now(self) -> float:
-        """Return the time in which silence is measured, in seconds."""
+        """Return the time of the clock that measures silence, in seconds."""
         return min(self._loop_time() - self._busy, self._latest)
 
     async def _spend(self, seconds: float, wait: Awaitable[object]) -> None:
         """Await something that is meant to take `seconds`; a longer delay does not count."""
         now = self._now()
-        self._busy = self._loop_time() - now
+        self._busy = self._loop_time() - now  # the clock goes on from where it stood still
         self._latest = now + seconds + self._timeout * _STEP_SHARE
         await wait
 
     async def _probe_once(self) -> None:
+        """Probe the other end; its answer is a sign of life."""
         await self._probe()
         self.note_alive()
 
@@ -200,7 +206,7 @@ class Liveness:
         sent, backlog = self._sent(), self._transport.backlog()
         has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before
         self._sent_before, self._backlog_before = sent, backlog
-        if has_drained and not has_sent:  # the other end has read a part of the backlog
+        if has_drained and not has_sent:  # without a new frame, less backlog means that it was read
             self._alive_at = now
         if has_drained or has_sent or not backlog:
             self._accepted_at = now
@@ -481,6 +487,7 @@ class Connection:
             self._fail_unexpectedly(error)
 
     def _fail_unexpectedly(self, error: Exception) -> None:
+        """End the connection because of a defect of this program, which is logged."""
         _LOG.exception("the link to %s failed", self._transport.peer)
         self._fail(ConnectionLostError(_INTERNAL(error=repr(error))))
 
@@ -522,10 +529,10 @@ class Connection:
             await self._outbox_changed.wait()
 
     def _next_to_send(self) -> int | None:
-        """Return the key of the next frame, which is encoded; None if no frame can be sent now.
+        """Return the key of the frame to send next; None if no frame can be sent now.
 
-        Frames keep their order, also while the first one is being encoded. Only an urgent frame
-        does not wait for that.
+        Frames keep their order: while the first one is being encoded, all others wait, except for
+        urgent ones.
         """
         for key, frame in self._outbox.items():
             if frame.data is not None and (frame.urgent or key == next(iter(self._outbox))):
@@ -535,6 +542,7 @@ class Connection:
     async def _encode_aside(
         self, sn: int, pending: _Pending, encode: Callable[[], str | bytes]
     ) -> None:
+        """Encode a large request aside; then its frame in the outbox can be sent."""
         try:
             data = await aside(encode)
         except Exception as error:  # the caller gets it, as from a small request
@@ -645,6 +653,7 @@ class Connection:
         self._start_aside(self._guard(partial(self._decode_aside, data, newer)))
 
     def _start_aside(self, work: Coroutine[Any, Any, None]) -> None:
+        """Start a task that waits for a large frame; `close` cancels it."""
         task = self._loop.create_task(work)
         self._aside_tasks.add(task)
         task.add_done_callback(self._aside_tasks.discard)
@@ -700,6 +709,7 @@ class Connection:
             pending.tap(answer)
 
     def _count_bad(self, error: FrameError, name: str = "") -> None:
+        """Count and log a frame that cannot be read; `name` is the type of its body, if known."""
         self._stats.bad_frames[error.kind] += 1
         skipped = "the timestamp of a frame" if error.kind == "timestamp" else "a bad frame"
         self._log.warn(

@@ -198,6 +198,7 @@ class Body:
         return Body(self._codec, envelope, self._on_bad)
 
     def _fail(self, error: FrameError) -> NoReturn:
+        """Raise an error; keep the first one, and report it to `on_bad`."""
         if self._error is None:
             self._error = error
             self._on_bad(error)

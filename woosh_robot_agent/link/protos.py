@@ -86,6 +86,7 @@ def _raise(error: OSError) -> NoReturn:
 
 
 def _collect(cls: Any, found: dict[str, type[Message]]) -> None:
+    """Add a message class, and those nested in it, to `found`."""
     found[cls.DESCRIPTOR.full_name] = cls
     for nested in cls.DESCRIPTOR.nested_types:
         _collect(getattr(cls, nested.name), found)

@@ -297,10 +297,11 @@ async def _request_info(
         while True:
             request = connection.request(message, Sending(remaining, tap=tap))
             requests.add(asyncio.ensure_future(request))
+            # yet another request would have at most `_RETRY_AFTER` left for its answer
+            is_last = remaining <= 2 * _RETRY_AFTER
             done, _ = await asyncio.wait(
                 requests,
-                # no timeout for the last request, which has its own
-                timeout=_RETRY_AFTER if remaining > 2 * _RETRY_AFTER else None,
+                timeout=None if is_last else _RETRY_AFTER,  # each request has its own timeout
                 return_when=asyncio.FIRST_COMPLETED,
             )
             if done:

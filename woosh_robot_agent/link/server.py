@@ -449,6 +449,7 @@ async def serve_websocket(
     """
 
     async def serve_request(request: web.BaseRequest) -> web.StreamResponse:
+        """Serve a WebSocket, or answer another HTTP request."""
         connection = None if request.transport is None else request.transport.get_protocol()
         if not isinstance(connection, HttpConnection):  # the connection has ended already
             return web.Response()
@@ -471,6 +472,7 @@ async def serve_websocket(
     async def serve_socket(
         request: web.BaseRequest, connection: HttpConnection
     ) -> web.StreamResponse:
+        """Make the handshake, and run the handler until the WebSocket ends."""
         if before_handshake:
             await before_handshake()
         socket = web.WebSocketResponse(

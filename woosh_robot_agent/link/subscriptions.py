@@ -103,7 +103,7 @@ class PushQueue:
         return pushes
 
     def _discard_oldest(self, name: str) -> None:
-        """Remove the oldest push of a type; another one takes its place, so none is subtracted."""
+        """Remove the oldest push of a type to make room for a new one, so `_waiting` stays."""
         for index, (queued, _) in enumerate(self._queue):
             if queued == name:
                 del self._queue[index]
@@ -291,9 +291,9 @@ class Subscriptions:
                 if not len(queue):
                     await queue.wait()
                     slice_started = now()  # other tasks ran meanwhile
-                delivery = queue.get()()
-                if delivery is not None:  # a large value is being prepared; later ones must wait
-                    await delivery
+                unfinished = queue.get()()  # no variable keeps the push, which may be large
+                if unfinished is not None:  # a large value is to be prepared; later ones must wait
+                    await unfinished
                 if now() - slice_started > _TIME_SLICE:
                     await asyncio.sleep(0)
                     slice_started = now()
@@ -325,6 +325,7 @@ class Subscriptions:
             self._deliver_now(body)
 
     def _deliver_now(self, body: Body) -> None:
+        """Call the consumers of a push, up to the first one that cannot read its body."""
         for consumer in tuple(self._consumers[body.type]):
             try:
                 call_logged(consumer.take, body)
@@ -366,6 +367,7 @@ class Subscriptions:
         return None
 
     async def _deliver_large_snapshot(self, info: RobotInfo) -> None:
+        """Deliver a large RobotInfo; pushes wait in the queue meanwhile."""
         self._preparing = True
         await self._deliver_large(info, self._snapshot_consumers)
         self._preparing = False

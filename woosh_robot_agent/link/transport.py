@@ -81,7 +81,7 @@ class Transport(FrameConnection, Protocol):
 
     @property
     def progress_at(self) -> float:
-        """Loop time at which `_PROGRESS` more bytes had last arrived; 0 before the first."""
+        """Loop time of the last progress, made with each `_PROGRESS` bytes; 0 before the first."""
 
     @property
     def received(self) -> int:
@@ -262,6 +262,7 @@ class TcpTransport:
         return part
 
     async def _skip(self, size: int) -> None:
+        """Read and discard the next `size` bytes."""
         while size:
             size -= len(await self._read_part(size))
 
@@ -399,7 +400,7 @@ class _ClientSocket(ClientSocket):
     frames.
 
     Attributes:
-        progress_at: loop time at which `_PROGRESS` more bytes had last arrived; 0 before the first.
+        progress_at: loop time of the last progress, as in `Transport`.
         received: number of bytes received so far, including the bytes of an unfinished frame.
         take: function that gets small frames; None if `recv` returns all frames.
         reader_waits: True while `recv` waits.

@@ -530,13 +530,19 @@ class MotionGate:
         self._chassis.withdraw(may_move, reason)
 
     def _start_reported(self, started: str, drives: bool) -> None:
-        """Note that a task or an action has begun. If it drives, no earlier velocity does."""
+        """Note that a task or action has begun; cancel it if it was sent just before the last stop.
+
+        Args:
+            started: "task", or the action by its short name.
+            drives: True if it drives the robot, so that no earlier velocity does.
+        """
         stopped, effect = self._stop_called, self.timing.effect
         sent = self._recent_starts(started) or [-math.inf]
-        self._starts[started] = sent[1:]
-        # what was sent after the stop may be what begins
-        is_late = stopped - effect < sent[0] and sent[-1] < stopped
-        if is_late and time.monotonic() < stopped + effect:
+        self._starts[started] = sent[1:]  # the oldest one has begun
+        oldest, newest = sent[0], sent[-1]
+        # if the newest was sent after the stop, it may be the one that has begun
+        is_from_just_before_stop = stopped - effect < oldest and newest < stopped
+        if is_from_just_before_stop and time.monotonic() < stopped + effect:
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives or time.monotonic() < self._wheels_taken + self.timing.driving:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
@@ -558,6 +564,7 @@ class MotionGate:
             _LOG.error("%s", report.message)
 
     def _link_changed(self, state: LinkState) -> None:
+        """Watch for stalls while there is a link or one is being opened."""
         if state in (LinkState.CONNECTING, LinkState.READY):
             self._stalls.start()
         else:

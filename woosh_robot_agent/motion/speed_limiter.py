@@ -113,6 +113,7 @@ class SpeedLimiter:
         self._task_reported(info.task_proc)
 
     def _link_changed(self, state: LinkState) -> None:
+        """Send the limit once the link is ready; without a link, no navigation is known."""
         if state is LinkState.READY:
             self._send()  # the first RobotInfo may come before requests are possible
             if self._is_action_unknown:
@@ -134,6 +135,7 @@ class SpeedLimiter:
                 self._is_action_unknown = True
 
     def _take_actions(self, answer: Answer) -> None:
+        """Take the state of the actions from the answer, if it has one."""
         if answer.ok and isinstance(answer.body, Feedbacks):
             self._actions_reported(answer.body)
         else:
@@ -146,6 +148,7 @@ class SpeedLimiter:
         self._send()
 
     def _task_reported(self, report: TaskProc) -> None:
+        """Note whether the task navigates, and send the limit if needed."""
         if report.robot_task_id != self._task_id:
             self._task_id = report.robot_task_id
             self._begin()
@@ -200,7 +203,7 @@ class SpeedLimiter:
         A refusal ends the attempts for this navigation, unless the limit has changed meanwhile.
 
         Args:
-            navigation: current value of `_navigation`.
+            navigation: the navigation to limit: the value of `_navigation` before the request.
             limit: maximum speed, in m/s; infinite without a limit.
         """
         try:

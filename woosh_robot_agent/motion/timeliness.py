@@ -31,7 +31,7 @@ class MotionTiming:
     """Times in the rules of motion, in seconds."""
 
     max_age: float = 0.5
-    """Maximum age at which a velocity is sent. The chassis keeps a received velocity as long."""
+    """Maximum age at which a velocity is sent. The chassis keeps a received one for as long."""
     unanswered: float = 0.5
     """Time without an answer to a velocity after which further velocities are held back."""
     driving: float = 1.5
@@ -57,7 +57,8 @@ class SenderClock:
     The clocks of two computers may differ by any amount, and neither is trusted. The time of
     receipt less the source time is the difference of the clocks plus the transit time. Its smallest
     value of the last seconds is taken for the difference of the clocks; the rest is transit time.
-    For the first message, which may be late, a value of less than `_WINDOW` is all transit time.
+    The first message may be late itself: if its value is between 0 and `_WINDOW`, the clocks count
+    as equal, and all of the value as transit time.
     """
 
     def __init__(self) -> None:
@@ -124,7 +125,7 @@ class StallWatch:
         self.ended = -math.inf
         self.duration = 0.0
         self._last = math.inf
-        """Time of the last heartbeat, or of the end of a stall since, by `boot_time`; inf before
+        """Time of the last heartbeat, or of the end of a stall after it, by `boot_time`; inf before
         `start` and after `stop`."""
         self._timer: asyncio.TimerHandle | None = None
 
@@ -156,6 +157,7 @@ class StallWatch:
         return published < self.ended + self._timing().settle
 
     def _beat(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Note a heartbeat, and schedule the next one."""
         self.check()
         self._last, now = boot_time(), time.monotonic()
         # multiples of the period, so that the watches of all robots wake the loop at the same time
@@ -243,6 +245,7 @@ class LatestWins(Generic[T]):
             self._held.set_exception(SupersededError(NOT_SENT(reason=reason)))
 
     def _release(self) -> None:
+        """Let the velocity that is held back be sent, if there is one."""
         if self._held is not None and not self._held.done():
             self._held.set_result(None)
 

@@ -42,7 +42,8 @@ class Pace:
     def note_sent(self, now: float, rate: float) -> None:
         """Note that a message was sent."""
         slot = self._slot + 1.0 / rate
-        self._slot = slot if now < slot + _LATE / rate else now
+        is_much_later = now >= slot + _LATE / rate
+        self._slot = now if is_much_later else slot
 
 
 _LOG = logging.getLogger(__name__)
@@ -214,7 +215,9 @@ class VelocityDriver:
         now = asyncio.get_running_loop().time()
         published = min(published, now)
         if self._waiting is not None and self._owner:
-            self._waiting = None  # rule 2; otherwise a zero would stop what drives the robot
+            # rule 2: otherwise a zero that comes now would be sent because of the velocity that
+            # waits, and would stop what drives the robot
+            self._waiting = None
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
                 self._silence(_NOT_PERMITTED)
@@ -256,7 +259,11 @@ class VelocityDriver:
         self._log_refusal(kind, reason)
 
     def end(self) -> None:
-        """Stop the robot at once, unless a stop has done so. Rule 3 goes on."""
+        """Stop the robot at once.
+
+        Does nothing while rule 3 refuses velocities: the stream does not drive the robot then, and
+        a zero would end the refusal.
+        """
         if not self._silenced:
             self.drive(0.0, 0.0, 0.0)
 
@@ -274,6 +281,7 @@ class VelocityDriver:
 
     @property
     def _max_age(self) -> float:
+        """Maximum age at which a velocity is sent, in seconds."""
         limits = self._limits()
         return min(limits.max_age, limits.timeout, self._gate.timing.max_age)
 
@@ -281,7 +289,8 @@ class VelocityDriver:
         """Return True if a zero would stop something."""
         if self._gate.driving or self._waiting is not None:
             return True
-        return self._driving and bool(self._requests)  # the gate may still have to send it
+        # the gate may hold a velocity back that it still has to send
+        return self._driving and bool(self._requests)
 
     def _due(self) -> float:
         """Return the loop time at which to send next; infinite if there is nothing to send."""
@@ -321,6 +330,7 @@ class VelocityDriver:
         task.add_done_callback(self._requests.discard)
 
     async def _request(self, velocity: Twist, published: float | None) -> None:
+        """Send a velocity through the gate; log why it failed."""
         try:
             sender = Sender(self._name, published, self._max_age)
             await self._gate.request(velocity, sender=sender)
@@ -337,6 +347,7 @@ class VelocityDriver:
         self._wake.set()
 
     def _link_changed(self, state: LinkState) -> None:
+        """Forget the velocities when the link is lost; send the zero of rule 7 when it is back."""
         if state is not LinkState.READY:
             self._waiting = None
             self._needs_zero = self._needs_zero or self._driving

@@ -56,7 +56,9 @@ def is_held_up(task_proc: TaskProc) -> bool:
 
 
 class WheelOwner:
-    """Follows the reports on tasks and actions, whichever client started them.
+    """Tells which task or actions move the robot, by the chassis's reports.
+
+    It does not matter which client started them.
 
     Args:
         chassis: the link; used in its event loop only.
@@ -87,6 +89,7 @@ class WheelOwner:
         self._task_changed(info.task_proc)
 
     def _task_changed(self, report: TaskProc) -> None:
+        """Note the state of the task; call `on_start` if it drives and did not before."""
         before, self._task = self._task, report
         self._update_name()
         drove_before = _may_drive(before) and before.robot_task_id == report.robot_task_id
@@ -94,6 +97,7 @@ class WheelOwner:
             self._on_start("task", True)
 
     def _actions_reported(self, reports: Feedbacks) -> None:
+        """Note which actions are being executed; call `on_start` for each that begins."""
         for report in reports.fbs:
             name = ACTIONS.get(report.action)
             if name is None:
@@ -113,6 +117,7 @@ class WheelOwner:
             self._update_name()
 
     def _update_name(self) -> None:
+        """Set `name` by the last reports."""
         if _may_drive(self._task):
             self.name = TASK(id=self._task.robot_task_id)
         else:

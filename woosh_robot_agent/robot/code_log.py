@@ -53,6 +53,7 @@ class CodeLog:
         self._abnormal_changed(info.abnormal_codes)
 
     def _abnormal_changed(self, codes: AbnormalCodes) -> None:
+        """Log the codes that last; forget those that have ended."""
         before, self._abnormal = self._abnormal, frozenset(code.code for code in codes.scs)
         for number in before - self._abnormal:  # a code that comes back is logged again
             self._logged.pop(number, None)
@@ -60,6 +61,7 @@ class CodeLog:
             self._log(code)
 
     def _pushed(self, body: Body) -> None:
+        """Log a status code if it is a warning or a fault."""
         if body.read(_is_logged_json, _is_logged):  # without decoding the other codes
             self._log(body.message())
 

@@ -86,6 +86,7 @@ class LastKnown:
         self._unread[name] = value
 
     def _apply_unread(self) -> None:
+        """Decode and store the values that came since the last call."""
         unread, self._unread = self._unread, {}
         for value in unread.values():
             try:

@@ -230,7 +230,8 @@ def pose_problem(info: RobotInfo) -> Objection | None:
     pose = info.pose_speed
     if not info.HasField("pose_speed") or pose.map_id or info.state == robot.kMapping:
         return None
-    if not info.scene.map_name or info.scene.map_id:
+    loaded_map_has_id_0 = info.scene.map_name and not info.scene.map_id
+    if not loaded_map_has_id_0:
         return _POSE_WITHOUT_MAP
     return Objection(
         "map_id_0",
@@ -259,6 +260,7 @@ def _certain(info: RobotInfo) -> Iterator[Objection]:
 
 
 def _failed_parts(hardware: HardwareState) -> Iterator[Objection]:
+    """Yield an objection for each part that is reported as failed."""
     for field, value in hardware.ListFields():
         if field.enum_type is None:  # not the state of a part
             continue

@@ -178,12 +178,14 @@ def type_of(request: Message) -> str:
 
 
 def _for_task(info: RobotInfo) -> list[Objection]:
+    """Return the reasons for a request that starts a task, an action or a following."""
     # NOT_TASKABLE would say no more than the refusal
     reasons = [each for each in objections(info) if each != NOT_TASKABLE]
     return [*busy_objections(info), *reasons]
 
 
 def _for_velocity(info: RobotInfo) -> list[Objection]:
+    """Return the reasons for a velocity."""
     return [*busy_objections(info), *_objections_among(info, EMERGENCY_STOP, MAINTENANCE)]
 
 
@@ -193,6 +195,7 @@ def _for_change(info: RobotInfo) -> list[Objection]:
 
 
 def _for_control_mode(info: RobotInfo) -> list[Objection]:
+    """Return the reasons for a change of the control mode."""
     return _objections_among(info, *CONTROL_MODES)
 
 
@@ -202,6 +205,7 @@ def _for_mapping(info: RobotInfo) -> list[Objection]:
 
 
 def _for_deployment(info: RobotInfo) -> list[Objection]:
+    """Return the reasons for a request that needs deployment mode."""
     found = [each for each in busy_objections(info) if each != MAPPING]
     # A robot without a work mode is not in deployment mode either.
     if info.HasField("mode") and info.mode.work != kDeployMode:
@@ -221,6 +225,7 @@ def _for_navigation(info: RobotInfo) -> list[Objection]:
 
 
 def _objections_among(info: RobotInfo, *possible: Objection) -> list[Objection]:
+    """Return those of the possible objections that hold for the robot now."""
     return [each for each in objections(info) if each in possible]
 
 

@@ -316,8 +316,9 @@ class Standstill:
         if demand.task_id and report.robot_task_id not in (demand.task_id, 0):
             return
         if not is_unfinished(report):
+            has_its_id = demand.task_id and report.robot_task_id
             # before the task has begun, an end without its id is that of an earlier task
-            if demand.begun or (demand.task_id and report.robot_task_id):
+            if demand.begun or has_its_id:
                 self._demand = None
             return
         demand.begun = True

@@ -121,6 +121,7 @@ def blank_of(field: Field) -> Any:
 
 
 def _read_enum(value: Any, numbers: dict[str, int]) -> int | None:
+    """Return the number of an enum value, given by name or number; None for an unknown name."""
     if isinstance(value, str) and not re.fullmatch(r"-?\d+", value):
         return numbers.get(value)
     return _read_int(value)

@@ -119,6 +119,7 @@ def _text(frame: str | bytes, begin: int, end: int) -> str | None:
     sample = frame[begin : begin + 64]
     if not _SAMPLE.match(sample.decode("latin-1") if isinstance(sample, bytes) else sample):
         return None
+    # from `begin - 2`, the character before the mark: the mark itself may be escaped
     if frame.find(backslash, max(0, begin - 2), end) >= 0:
         return None
     if isinstance(frame, str):
@@ -205,11 +206,13 @@ _MAX_FAILED = 16
 
 
 def _after_space(text: str, at: int) -> int:
+    """Return the next place from `at` on that is no white space."""
     found = _SPACE.match(text, at)
     return at if found is None else found.end()
 
 
 def _scan(text: str, at: int) -> tuple[Any, int]:
+    """Return the value that begins at a place of the text, and the place of its end."""
     return _DECODER.raw_decode(text, at)
 
 
@@ -296,9 +299,10 @@ class _Pieces:
         return [item], end
 
     def _cut(self, at: int, end: int) -> tuple[list[Any], int] | None:
-        """Return the items before the last likely end of an item in a piece, and that place.
+        """Return the items up to the last place in a piece where one seems to end, and the place.
 
-        If that was inside an item, an earlier end is tried. Returns None after `_CUTS` attempts.
+        If the place is inside an item, the one before it is tried. Returns None after `_CUTS`
+        attempts.
         """
         text = self._text
         closing = _CLOSING.get(text[at : at + 1], ",")
