@@ -232,7 +232,7 @@ class GoalServer:
             reply.send(response)
             return
         self._unchecked[key] = goal = Goal(self, info, request.goal, published)
-        # begun before the lock is free, so that several checks wait for /tf at the same time
+        # begun before the lock is free: several checks may wait at the same time, e.g. for /tf
         check = start_task(self._find_objection(request.goal), name=f"check: {self._name}")
         try:
             async with self._checking:
@@ -325,7 +325,7 @@ def _hand_over(
     request: Any,
     reply: Reply,
 ) -> None:
-    """Let the link thread serve a request, and tell it when the request was taken, in seconds."""
+    """Let the link thread serve a request; `serve` also gets the monotonic time of this call."""
     thread.spawn(partial(serve, request, reply, time.monotonic()), reply.fail)
 
 
