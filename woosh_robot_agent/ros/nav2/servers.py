@@ -192,7 +192,7 @@ class MapServer:
 class Costmaps:
     """The services that clear costmaps. They do nothing: the robot keeps no costmap for clients.
 
-    Programs call them before they try again, and wait for the answer.
+    Programs call them before they repeat a navigation that failed, and wait for the answer.
     """
 
     def __init__(self, context: PartContext) -> None:
