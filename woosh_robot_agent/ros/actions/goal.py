@@ -121,7 +121,7 @@ class GoalClient(Protocol):
 
     @property
     def published(self) -> float | None:
-        """Loop time at which a ROS client sent the goal; None if unknown or without a client."""
+        """Loop time at which a ROS client sent the goal; None if unknown, or if none sent it."""
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
         """Call `callback` when the client requests a cancel; at once if it already has."""
@@ -238,7 +238,7 @@ class Attribution:
         return previous is not None and report != previous
 
     def repeats_previous(self, report: object, outcome: Outcome | None) -> bool:
-        """Return True if a push may be a mere repetition of the end of an earlier goal.
+        """Return True if a push may just repeat the end of an earlier goal.
 
         Pass no such push to `attribute`. If this goal has ended in the same way, a poll tells.
         """

@@ -360,13 +360,13 @@ class GoalRun:
         return None
 
     def _set_aside(self, report: Report) -> bool:
-        """Set a push aside if it may only repeat the end of an earlier goal; return True then.
+        """Set a push aside if it may just repeat the end of an earlier goal; return True then.
 
-        If this goal is being cancelled, a poll decides whether it was its own end.
+        If this goal is being cancelled, the push may also be the end of this goal; a poll decides.
         """
         may_be_repeated = self._attribution.repeats_previous(report.message, report.outcome)
         if may_be_repeated and self._cancellation.requested and self.phase.accepted:
-            self._poll_once_begun()  # perhaps it is the end of this goal
+            self._poll_once_begun()
             if report.outcome is Outcome.CANCELED:
                 self._possible_cancel = report.message
         return may_be_repeated

@@ -224,6 +224,10 @@ class GoalServer:
         del self._goals[key]
 
     async def _goal_sent(self, request: Any, reply: Reply, taken: float) -> None:
+        """Check a goal, tell its client if it is accepted, and start it.
+
+        `taken` is the monotonic time at which the executor took the request.
+        """
         response = self.action_type.Impl.SendGoalService.Response()
         response.stamp = self._node.get_clock().now().to_msg()
         info = GoalInfo(goal_id=request.goal_id, stamp=response.stamp)
