@@ -175,7 +175,7 @@ class LinkThread:
         on_error: Callable[[BaseException], None] | None,
     ) -> None:
         task = start_task(self._run_spawned(work, on_error))
-        if not task.done():  # it has already run up to its first wait
+        if not task.done():  # `start_task` runs it up to its first wait, perhaps to its end
             self._tasks[task] = on_error  # the loop itself keeps only a weak reference
 
     async def _run_spawned(

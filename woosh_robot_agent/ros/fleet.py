@@ -46,7 +46,7 @@ class Fleet:
             node.destroy_node()
 
     def begin_close_on(self, fd: int) -> None:
-        """Begin to close all agents when a file descriptor becomes readable.
+        """Begin to close all agents when a file descriptor becomes readable, e.g. by a signal.
 
         The Ctrl-C that ends the agents may also end a simulated chassis. The agents close their
         links at once, before they would report the links as lost.

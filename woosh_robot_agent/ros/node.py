@@ -315,7 +315,7 @@ class Agent:
     def _settings_changed(self, before: Settings) -> None:
         settings = self.settings
         if settings.observe_only != before.observe_only:
-            # no task: it would begin only after commands that come right after this change
+            # `call`, not `spawn`: a task might begin only after commands that follow this change
             self.robot.thread.call(self._set_observe_only, settings.observe_only)
         if settings.link != before.link:
             self.robot.thread.spawn(self._reconfigure)
@@ -367,6 +367,6 @@ def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
     for agent in agents:
         if agent._own_thread is not None:
             agent._own_thread.stop(_REST_TIMEOUT)
-        if agent.node.executor is not None:  # otherwise it would keep the node's entities alive
+        if agent.node.executor is not None:  # an executor keeps the entities of its nodes alive
             agent.node.executor.remove_node(agent.node)
         set_closing(agent.node.get_logger(), closing=False)

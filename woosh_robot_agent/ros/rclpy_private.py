@@ -94,10 +94,11 @@ def take_response(client: Any) -> Callable[[], None] | None:
 
 @contextmanager
 def undelivered_responses() -> Iterator[list[str]]:
-    """Yield a list that gets the text of each response in the context that rclpy drops.
+    """Yield a list that gets the text of a warning for each response that rclpy drops meanwhile.
 
-    It drops a response if its client has not been discovered within 0.1 s, and only warns. Python's
-    warnings are global, so a response that another thread sends meanwhile counts, too.
+    rclpy drops a response if its client has not been discovered within 0.1 s, and only warns.
+    Python's warnings are global, so responses of other threads count, too. The list is filled when
+    the `with` block ends.
 
     Replaceable by: an exception, or a return value, of `Service.send_response`.
     """

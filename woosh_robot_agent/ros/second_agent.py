@@ -41,7 +41,9 @@ class SecondAgentDetector:
         self.warning = ""
         self._node = node
         self._topic = node.resolve_topic_name(TOPICS[0].name)
+        """A topic that every agent publishes."""
         self._service = node.resolve_service_name(QUERIES[0].name)
+        """A service that every agent offers."""
         self._seen_since = 0.0
         """Monotonic time at which another agent was first seen; 0 while there is none."""
 

@@ -125,7 +125,8 @@ class _QueryHandler:
         """Store a value; called in order with the pushes, so that it replaces no newer one."""
         if answer.ok and answer.type == self._endpoint.request:
             last_known = self._robot.last_known
-            last_known.get(answer.type)  # first: a value that cannot be read must replace none
+            # `get` first decodes and keeps the value before, in case this one cannot be read
+            last_known.get(answer.type)
             last_known.remember(answer.raw)
 
     @property

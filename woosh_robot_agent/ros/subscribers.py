@@ -19,7 +19,7 @@ from woosh_robot_agent.ros.releases import (
 )
 
 POLL_PERIOD = 1.0
-"""Period of the checks for subscribers if the middleware reports none, in seconds."""
+"""Period of the checks for subscribers if the middleware does not report them, in seconds."""
 _NO_CALLBACKS = PublisherEventCallbacks(use_default_callbacks=False)
 """Leaves out rclpy's default callbacks, each of which is one more entity of the executor."""
 
@@ -51,8 +51,8 @@ class Subscribers:
     def publisher(self, message_class: Any, name: str, profile: QoSProfile) -> Any:
         """Create a publisher and add it to the set."""
         # The callback is not passed to rclpy's `create_publisher`: if the middleware has no such
-        # events, that destroys the new publisher and raises an error. Subscribers sometimes do not
-        # discover a second publisher of the topic that is created right after the first.
+        # events, that raises an error and destroys the new publisher. Subscribers sometimes do not
+        # discover another publisher of the topic that is created right after it, in its place.
         publisher = create_publisher(self._node, message_class, name, profile)
         try:
             handlers = subscriber_event_handlers(

@@ -287,5 +287,6 @@ class Actions:
             open_goals.post(event)
 
 
-def _field_class(part: Any, name: str) -> Any:
-    return class_of(part.get_fields_and_field_types()[name], "msg")
+def _field_class(message_class: Any, name: str) -> Any:
+    """Return the ROS class of a field of a message class, whose type is a message, too."""
+    return class_of(message_class.get_fields_and_field_types()[name], "msg")

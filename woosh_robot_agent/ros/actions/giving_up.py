@@ -16,10 +16,11 @@ _LOG = logging.getLogger(__name__)
 class Cancellation:
     """Forwards the cancel requests of a goal's client to the chassis, one at a time.
 
-    A request that the chassis did not answer stays pending, and so does one that it got before it
-    began the goal, which may have no effect. It is sent again when `send_soon` is called again, or
-    at once if the goal began before the answer: the cancel request for a task does not name the
-    task, so it may only be sent while the goal is running.
+    A request stays pending if the chassis did not answer it, or got it before it began the goal,
+    because such a request may have no effect. A pending request is sent again at the next call of
+    `send_soon`, or at once if the goal has begun by the time of the answer. It may only be sent
+    while the goal is running: the cancel request for a task does not name the task, and could hit
+    another one.
 
     Args:
         name: name of the goal, for the log.

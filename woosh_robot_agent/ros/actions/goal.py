@@ -121,7 +121,7 @@ class GoalClient(Protocol):
 
     @property
     def published(self) -> float | None:
-        """Loop time at which a ROS client sent the goal; None if unknown or without a client."""
+        """Loop time at which a ROS client sent the goal; None if unknown, or if none sent it."""
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
         """Call `callback` when the client requests a cancel; at once if it already has."""
@@ -217,10 +217,11 @@ class Attribution:
     def admit_polled(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
         """Decide if a report in a poll's answer is to be passed to `attribute`.
 
-        Return False for an end that may be that of an earlier goal, which the chassis repeats: the
-        end that was its last report before this goal, and, before this goal is accepted, any end if
-        that report is not known. Call this once for each report: once this goal is accepted, the
-        same end is rejected only one more time.
+        The chassis may answer with an end that it has reported before, for an earlier goal. So this
+        returns False for an end that is equal to the last report before this goal. Once this goal
+        is accepted, only the first such end is rejected: another one means that this goal has ended
+        in the same way. While this goal is not accepted, and the last report before it is not
+        known, every end is rejected. Call this once for each report of a poll.
 
         Args:
             report: the report.
@@ -231,19 +232,19 @@ class Attribution:
             return True
         previous = self._previous
         if phase.accepted:
-            # from now on, the same end means that this goal ended like the earlier one
             was_polled, self._was_polled = self._was_polled, True
             return was_polled or report != previous
         # without an earlier end to compare with, an end proves nothing
         return previous is not None and report != previous
 
     def repeats_previous(self, report: object, outcome: Outcome | None) -> bool:
-        """Return True if a push may only repeat the end of an earlier goal.
+        """Return True if a push may just repeat the end of an earlier goal.
 
         Pass no such push to `attribute`. If this goal has ended in the same way, a poll tells.
         """
+        # with predecessors, an end may be new: each one reports its own, and these may be alike
         if self.has_report or self._predecessors or outcome is None:
-            return False  # each predecessor reports its own end, and the ends may be alike
+            return False
         return self._repeats_ends and report == self._previous
 
     def note_earlier_end(self, report: object) -> None:
@@ -255,7 +256,7 @@ class Attribution:
         if self._predecessors and not phase.accepted:
             return False  # an earlier goal may still be running
         if phase.answered:
-            # the earlier goals have ended; only the cancel of the last one may still be reported
+            # this goal runs, so the earlier ones have ended; the last one's cancel may come late
             self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
         return True
 

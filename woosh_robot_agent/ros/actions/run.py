@@ -360,13 +360,13 @@ class GoalRun:
         return None
 
     def _set_aside(self, report: Report) -> bool:
-        """Set a push aside if it may only repeat the end of an earlier goal; return True then.
+        """Set a push aside if it may just repeat the end of an earlier goal; return True then.
 
-        If this goal is being cancelled, a poll decides whether it was its own end.
+        If this goal is being cancelled, the push may also be the end of this goal; a poll decides.
         """
         may_be_repeated = self._attribution.repeats_previous(report.message, report.outcome)
         if may_be_repeated and self._cancellation.requested and self.phase.accepted:
-            self._poll_once_begun()  # perhaps it is the end of this goal
+            self._poll_once_begun()
             if report.outcome is Outcome.CANCELED:
                 self._possible_cancel = report.message
         return may_be_repeated
@@ -434,13 +434,13 @@ class GoalRun:
             self._poll_once_begun()
 
     def _poll_once_begun(self) -> None:
-        """Poll the state of the goal when it must have begun.
+        """Poll the state of the goal at the time when it must have begun.
 
         Until then, the answer may have the end of an earlier goal.
         """
         begins = self._clock() + self._timing.cancel_report_timeout
         self._next_poll = min(self._next_poll, begins)
-        self.post(Tick())  # wakes `_follow`, which waits until then
+        self.post(Tick())  # wakes `_follow`, so that it waits for the new time of the poll
 
     def _poll_soon(self) -> None:
         """Poll the state of the goal if that is possible now, and schedule the next poll."""
@@ -462,14 +462,14 @@ class GoalRun:
         for report in polled.result.reports:
             if report.message == self._last_report:
                 if report.outcome is not None:
-                    # of a task set: a push means the end of one task, a poll the end of the set
+                    # the last task of a set: a push reports only its end, a poll that of the set
                     return End(report.outcome, report.message, Cause.REPORT)
                 self._note_report()
             elif self._attribution.admit_polled(report.message, report.outcome, self.phase):
                 end = self._take_reports([report])
                 if end is not None:
                     return end
-        if not polled.result.reports and (end := self._cancel_unless_begun()):
+        if not polled.result.reports and (end := self._possible_cancel_as_end()):
             return end
         unknown = polled.result.unknown
         # the answer does not tell, but a push has shown that the chassis does not execute this goal
@@ -492,14 +492,15 @@ class GoalRun:
         if failed.is_silent:
             self._give_up.chassis_silent(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):
-            end = self._cancel_unless_begun()
+            end = self._possible_cancel_as_end()
             return end or self._aborted_if(self._give_up.poll_unanswered(failed.error))
         return None
 
-    def _cancel_unless_begun(self) -> End | None:
-        """Return the end if a cancel was reported, and no report shows that the goal has begun.
+    def _possible_cancel_as_end(self) -> End | None:
+        """Return `_possible_cancel` as the end of this goal; None if there is no such cancel.
 
-        For a chassis that tells nothing when it is polled.
+        Called when the poll that should tell whose cancel it was tells nothing. Returns None, too,
+        if a report shows that this goal has begun, and while its state is unknown.
         """
         has_begun = self._attribution.has_report
         if self._possible_cancel is None or has_begun or self._give_up.is_state_unknown:
@@ -558,8 +559,8 @@ class OpenGoals(list[GoalRun]):
     async def newer_accepted(self, goal: GoalRun) -> bool:
         """Return True if the chassis accepts a newer goal; wait until it has decided.
 
-        If both goals are to be cancelled, do not wait for its decision: until then, the robot would
-        drive on, and a cancel cannot hit a goal that anybody wants.
+        If this goal is to be cancelled, do not wait for a newer goal that is to be cancelled, too:
+        meanwhile the robot would drive on, and a cancel cannot hit a goal that anybody wants.
         """
         while True:
             newer = self[self.index(goal) + 1 :]

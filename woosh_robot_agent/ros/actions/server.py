@@ -224,6 +224,10 @@ class GoalServer:
         del self._goals[key]
 
     async def _goal_sent(self, request: Any, reply: Reply, taken: float) -> None:
+        """Check a goal, tell its client if it is accepted, and start it.
+
+        `taken` is the monotonic time at which the executor took the request.
+        """
         response = self.action_type.Impl.SendGoalService.Response()
         response.stamp = self._node.get_clock().now().to_msg()
         info = GoalInfo(goal_id=request.goal_id, stamp=response.stamp)
@@ -232,7 +236,7 @@ class GoalServer:
             reply.send(response)
             return
         self._unchecked[key] = goal = Goal(self, info, request.goal, published)
-        # begun before the lock is free, so that several checks wait for /tf at the same time
+        # begun before the lock is free: several checks may wait at the same time, e.g. for /tf
         check = start_task(self._find_objection(request.goal), name=f"check: {self._name}")
         try:
             async with self._checking:
@@ -325,7 +329,7 @@ def _hand_over(
     request: Any,
     reply: Reply,
 ) -> None:
-    """Let the link thread serve a request, and tell it when the request was taken, in seconds."""
+    """Let the link thread serve a request; `serve` also gets the monotonic time of this call."""
     thread.spawn(partial(serve, request, reply, time.monotonic()), reply.fail)
 
 

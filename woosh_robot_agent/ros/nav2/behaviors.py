@@ -256,6 +256,7 @@ class AssistedTeleop(Nav2Action):
         twist = getattr(message, "twist", message)
         values = (twist.linear.x, twist.linear.y, twist.angular.z)
         if self._goal is None:
+            # not sent, but after a stop, the driver has to know whether the sender pauses
             self._driver.note_received(any(values))
             return
         if twist is not message and (objection := stamp_objection(self.context.standard, message)):

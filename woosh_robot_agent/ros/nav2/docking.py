@@ -193,8 +193,8 @@ class UndockRobot(_Docking):
     async def _check_docked(self) -> None:
         """Check that the robot charges by itself, or stands in a charger.
 
-        A full robot in a charger does not charge, and one that a person has plugged in may be
-        anywhere. So the place decides, too.
+        If it does not charge by itself, its place decides: a full robot in a charger does not
+        charge, and a robot that a person has plugged in may be anywhere.
 
         Raises:
             GoalEnd: the robot is in no charger, its pose is unknown, or the chassis does not

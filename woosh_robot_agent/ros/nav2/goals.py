@@ -309,7 +309,10 @@ class Nav2Goal:
         raise await self._failure(end, sent)
 
     def _decided(self, accepted: asyncio.Future[bool]) -> None:
-        """The chassis has accepted a command of this goal, or never will."""
+        """Handle that the chassis has accepted a command of this goal, or never will.
+
+        An accepted command has replaced the older navigation; otherwise, that must be stopped.
+        """
         if not accepted.result():
             self._stop_older()
         self._older = None

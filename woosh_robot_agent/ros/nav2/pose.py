@@ -20,8 +20,8 @@ _MIN_DISTANCE = 0.25
 _MIN_TURN = 0.2
 """Angle after which amcl_pose is published again, in radians; amcl's default."""
 _SILENCE = 1.0
-"""Time without a report after which the robot stands, in seconds. While it moves, it reports at
-5 Hz."""
+"""Time without a report after which the robot counts as standing, in seconds. While it moves, it
+reports at 5 Hz."""
 _MAX_WAIT = 3.0
 """Maximum wait until the robot stands, in seconds. Real robots stand 0.9 s after a stop."""
 _CHECK_PERIOD = 0.05
@@ -33,7 +33,8 @@ class RobotPose:
 
     Attributes:
         pose: the pose in the map; None while the pose is not known.
-        velocity: the velocity in the robot's frame; sideways, that since the report before.
+        velocity: the velocity in the robot's frame. The sideways speed is derived from the last two
+            poses, because the robot does not report it.
         received: loop time of the last report.
     """
 
@@ -89,7 +90,7 @@ class RobotPose:
         except ValueError:  # the part `odom` of the standard layer counts and logs it
             return
         now = asyncio.get_running_loop().time()
-        left = 0.0  # the robot does not report its sideways speed
+        left = 0.0  # until there are two poses
         if self.pose is not None and now > self.received:
             left = pose.seen_from(self.pose).arc.left / (now - self.received)
         self.pose = pose

@@ -38,7 +38,7 @@ class Lifecycle:
         self._robot = context.robot
         for node, manager, is_active in (
             ("bt_navigator", MANAGERS[0], self._accepts_tasks),
-            # also active when the robot is lost: clients wait for amcl before they set the pose
+            # even if the robot does not know its pose: clients wait for amcl before they set it
             ("amcl", MANAGERS[1], self._is_connected),
         ):
             create_service(context, f"{node}/get_state", partial(_get_state, is_active))
@@ -192,7 +192,7 @@ class MapServer:
 class Costmaps:
     """The services that clear costmaps. They do nothing: the robot keeps no costmap for clients.
 
-    Programs call them before they try again, and wait for the answer.
+    Programs call them before they repeat a navigation that failed, and wait for the answer.
     """
 
     def __init__(self, context: PartContext) -> None:

@@ -79,7 +79,8 @@ HORIZON = 0.3
 _BLEND = 0.15
 """Time over which the error of a prediction is blended out, in seconds."""
 _FIRST_STEP = 0.05
-"""Maximum part of `_BLEND` that the first prediction from a report skips, in seconds."""
+"""Maximum time by which blending has begun before the first prediction from a report, in seconds.
+A longer time would make that prediction jump."""
 _LONGEST_PAUSE = 1.5
 """Maximum time between two predictions that must not differ by a jump, in seconds."""
 _MIN_REPORT_INTERVAL = 0.01
@@ -378,7 +379,8 @@ class Odometry:
             last = self.time
             self.time = self._report_time.next(received, arc, before, after)
             self.pose *= moved
-            # If reports are rare, the robot stands: a movement sideways corrects its localisation.
+            # If reports are rare, the robot stands, and a sideways movement is a correction of its
+            # localisation.
             if abs(arc.left) > _MIN_SIDEWAYS and interval < _MAX_INTERVAL:
                 sideways = arc.left / max(self.time - last, _MIN_INTERVAL)
                 sideways = max(-_MAX_SPEED, min(_MAX_SPEED, sideways))
@@ -468,8 +470,9 @@ class Odometry:
         turn_margin = abs(after.turn - before.turn) * interval / 2
         position_tolerance = _POSITION_TOLERANCE + forward_margin
         heading_tolerance = _HEADING_TOLERANCE + turn_margin
-        # If the speed has changed, the derived duration is inexact. The other movement was
-        # predicted over that duration, so it gets a wider tolerance.
+        # If the speed has changed, the derived duration is inexact. What was predicted from this
+        # duration, i.e. the position of a robot that mostly turns, otherwise the heading, gets a
+        # wider tolerance.
         if turns_mostly:
             duration_error = min(turn_margin / abs(turn), interval)
             position_tolerance += abs(forward) * duration_error

@@ -77,7 +77,7 @@ def plan(context: PartContext, nav_path: NavPath) -> bytes:
         check_finite("pose", pose.x, pose.y, pose.theta)
         half_yaw = pose.theta / 2
         path += pose_header
-        path += bytes((HEADER_SIZE - len(path)) % 8)  # CDR aligns numbers of 64 bits
+        path += bytes((HEADER_SIZE - len(path)) % 8)  # CDR aligns 64-bit numbers after its header
         # x, y, z, and the rotation as the quaternion x, y, z, w
         path += pack(pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw))
     return bytes(path)

@@ -97,8 +97,8 @@ class Access:
     """Decides which requests are answered, and which role their sender has.
 
     1. A page of another site cannot read or command anything: WebSockets need the origin of the
-       page itself. On this machine, the `Host` header must name this machine, so that no other
-       site's name can be redirected here.
+       page itself. If only this machine can connect, the `Host` header must name it, so that the
+       name of another site does not lead here (DNS rebinding).
     2. If other machines can connect, every request needs a token: from a printed address, and
        then from the cookie that the page sets. Each role has its own token.
 
@@ -198,8 +198,8 @@ _INPUT_BURST = 64 * 1024
 """Number of bytes that may arrive on a connection at once."""
 
 _MAX_WAITING = 4096
-"""Number of bytes that may wait for being sent on a WebSocket, in this process and in the system,
-before nothing more is sent."""
+"""Maximum number of bytes that wait to be sent on a WebSocket when a further message is written, in
+this process, and also in the system."""
 
 
 class LimitedConnection(asyncio.Protocol):
@@ -214,7 +214,7 @@ class LimitedConnection(asyncio.Protocol):
             an ordered set. Each connection adds and removes itself.
 
     Attributes:
-        is_writable: set while hardly any data wait for being sent.
+        is_writable: set while few data wait to be sent.
     """
 
     def __init__(self, inner: asyncio.Protocol, opening: dict[LimitedConnection, None]) -> None:
@@ -240,7 +240,10 @@ class LimitedConnection(asyncio.Protocol):
         self._inner.connection_made(transport)
 
     def opened(self) -> None:
-        """Count as a WebSocket from now on. Data that wait for being sent would be outdated."""
+        """Count as a WebSocket from now on, and let few data wait to be sent.
+
+        A viewer with a slow connection gets fewer messages instead of outdated ones.
+        """
         self._opening.pop(self, None)
         self._transport.set_write_buffer_limits(_MAX_WAITING)
         # with TLS, this limits only what is not encrypted yet; asyncio has no way to limit the rest

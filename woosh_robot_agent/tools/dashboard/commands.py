@@ -104,7 +104,7 @@ def _text(args: Args, name: str) -> str:
 
 
 def _is_no_text(character: str) -> bool:
-    """Return True for a control character and for half a character, but not for e.g. any space."""
+    """Return True for a control character and for a surrogate, i.e. half a character."""
     return unicodedata.category(character) in ("Cc", "Cs")
 
 
@@ -167,6 +167,7 @@ _DIRECTIONS = {
 
 
 def _task(args: Args, default: str) -> ExecTask:
+    """Return a task without a place; `default` is its type if the arguments have none."""
     return ExecTask(
         task_id=int(time.time() * 1000),  # the robot repeats it in its reports
         type=task.Type.Name(_choice(args, "type", _TYPES, default)),

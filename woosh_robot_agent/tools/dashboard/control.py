@@ -266,6 +266,7 @@ class Control:
         if not (linear or angular):  # the viewer has let go, or holds the stick in its middle
             if viewer is self.owner:
                 self._stick.drive(0.0, 0.0, 0.0)
+                # the stick may rest in its middle during a press: that is no gap
                 if press == self._press and self._gap <= self._config.stick_timeout:
                     self._driven_at = asyncio.get_running_loop().time()
             return
@@ -338,7 +339,7 @@ class Control:
 
     def _admit_press(self, viewer: Viewer, press: int, clock: float) -> Text | None:
         """Claim the control for a press; return the reason why it may not drive, or None."""
-        if viewer.press_clock / 1000.0 <= self._stopped_at:  # it rested during the stop
+        if viewer.press_clock / 1000.0 <= self._stopped_at:  # begun before the stop was known
             return _STOPPED_MEANWHILE
         if reason := self._outdated(clock) or self._robot.no_data or self._claim(viewer):
             return reason

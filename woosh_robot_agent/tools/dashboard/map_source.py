@@ -76,7 +76,10 @@ class MapSource:
         self.number = 0
         self.error = ""
         self._shown: object = None
-        """Scene, id, name and version of `picture`; None without one, or if it is being made."""
+        """Scene, id, name and version of `picture`.
+
+        None without a picture, or if it shows a map that the robot is making.
+        """
         self._picture_task: asyncio.Task[None] | None = None
         """Request of a map, or conversion of the picture of a map that the robot is making."""
         self._not_before = -math.inf
@@ -129,7 +132,7 @@ class MapSource:
         wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
         loop = asyncio.get_running_loop()
         if not scene.scene_name or wanted == self._shown:
-            self._set_error("")  # of another map
+            self._set_error("")  # an error may be left from another map
             return
         is_busy = self._picture_task is not None and not self._picture_task.done()
         if is_busy or loop.time() < self._not_before:

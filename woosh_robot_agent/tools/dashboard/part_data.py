@@ -370,9 +370,9 @@ def now() -> int:
 _HEADER = struct.Struct("<4x7f")
 """Header of the message for a scan, which the ranges follow; all is little-endian.
 
-Four zero bytes; x, y and theta of the robot's pose; x and y of the laser in the robot's frame; the
-first angle and the angle between two rays; in metres and radians. The ranges are whole millimetres,
-as 16-bit integers; 0 means no reflection.
+Four unused bytes; x, y and theta of the robot's pose; x and y of the laser in the robot's frame;
+the first angle and the angle between two rays; in metres and radians. The ranges are whole
+millimetres, as 16-bit integers; 0 means no reflection.
 """
 _MAX_RAYS = 10_000
 """Maximum number of ranges of a scan that are sent."""

@@ -281,7 +281,7 @@ class Robot:
         while True:
             sample = self._sample()
             begin, end = sample[0] - _HISTORY, sample[0]
-            # the clock may have been set
+            # without samples from the future: the clock may have been set back
             samples = [each for each in self._samples if begin < each[0] < end]
             if samples and end - samples[-1][0] > _GAP:
                 samples.append([end - 1, None, None, None, None])
@@ -311,7 +311,7 @@ class Robot:
         """Keep the map up to date, and request a path that the robot has pushed before."""
         asking: asyncio.Task[None] | None = None
         while True:
-            # of each robot, also if nobody watches it: its link may be lost when somebody does
+            # also for a robot that nobody watches: its link may be lost when somebody watches it
             await self._shared.wait_watched()
             self.map.update(*self._map_use)
             # robots push the path only when it changes, which may have been before the connection

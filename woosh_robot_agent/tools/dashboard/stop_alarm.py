@@ -17,8 +17,8 @@ from woosh_robot_agent.tools.dashboard.robot import Robot
 _STANDSTILL = 1.0
 """Time for which a robot must stand still to end its alarm, in seconds."""
 _SAME_PLACE = 0.01
-"""Distance between two poses of a robot that stands still, in metres. Robots report no speed while
-they move sideways."""
+"""Maximum distance between two poses of a robot that stands still, in metres. The speed does not
+tell, because robots report none while they move sideways."""
 
 
 class StopAlarm:
@@ -61,6 +61,7 @@ class StopAlarm:
         self._on_answered()
 
     def _restart_standstill(self) -> None:
+        """Let the time for which the robot must stand still begin now, where it is now."""
         self._maybe_moving_at = asyncio.get_running_loop().time()
         self._received = self._robot.chassis.stats.rx
         self._pose = part_data.pose_data(self._robot.view.info)

@@ -79,7 +79,10 @@ class Viewer:
         self._stale: dict[tuple[Parts, str], None] = {}
         """The parts and large notes to send, as `Parts` object and name, as an ordered set."""
         self._begun: dict[tuple[Parts, str], tuple[str, int]] = {}
-        """Messages of which only pieces have been sent, and how many characters, as in `_stale`."""
+        """Messages of which only pieces have been sent, and the number of characters sent.
+
+        The keys are those of `_stale`.
+        """
         self._notes: list[str] = []
         """Notes to send, without the large ones, which are in `_stale`."""
         self._large_notes = itertools.count()
@@ -103,19 +106,20 @@ class Viewer:
 
     def unwatch(self) -> None:
         """Send no more parts."""
-        for parts in self._stores:
+        for parts in self._sources:
             parts.unwatch(self)
             for waiting in (self._stale, self._begun):
                 for part in [each for each in waiting if each[0] is parts]:
                     waiting.pop(part)
 
     @property
-    def _stores(self) -> list[Parts]:
+    def _sources(self) -> list[Parts]:
+        """The `Parts` objects whose parts the viewer gets."""
         return [self._shared] if self.robot is None else [self._shared, self.robot.parts]
 
     def _watch(self) -> None:
         if self.visible and self.robot is not None:
-            for parts in self._stores:
+            for parts in self._sources:
                 parts.watch(self, partial(self._changed, parts))
 
     def note(self, **content: Any) -> None:
@@ -186,7 +190,7 @@ class Viewer:
         end = begin + _PIECE
         if end < len(message):
             self._begun[part] = message, end
-        if end < len(message) or message is not newest:
+        if end < len(message) or message is not newest:  # more pieces follow, or a newer message
             self._stale[part] = None
         head = {"part": name, "begin": begin, "last": end >= len(message)}
         return f"{json.dumps(head)}\n{message[begin:end]}"
