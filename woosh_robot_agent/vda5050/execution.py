@@ -158,7 +158,10 @@ class Execution:
 
     @property
     def _must_wait(self) -> bool:
-        """True if something drives the robot, also a leftover, for whose end the order waits."""
+        """True if the order must not drive yet, because something else moves the robot, or may.
+
+        This is something outside of the vehicle, or what an action has started before a restart.
+        """
         may_move_base = self.calls.moves_base or bool(self.tasks.id)
         return self._is_driven_otherwise or (self.has_leftovers and may_move_base)
 
@@ -180,7 +183,7 @@ class Execution:
     @property
     def _is_driven_otherwise(self) -> bool:
         """True if something other than the order and the vehicle's actions drives the robot."""
-        if self.order.driving or self.drive.id:  # it may have a task that began too late
+        if self.order.driving or self.drive.id:  # without an order: a task that began too late
             return False
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
@@ -189,7 +192,7 @@ class Execution:
 
     @property
     def is_leaving_task(self) -> bool:
-        """True from the end of a task until the robot leaves it: it may refuse another one."""
+        """True from the end of a task until the robot has left it and can take the next one."""
         if self.drive.id or self.tasks.id or self.robot.info is None:
             return False
         is_in_task = self.robot.info.state in (robot.kTask, robot.kParking)
@@ -280,7 +283,8 @@ class Execution:
             return
         if not self.active:
             self._link_was_lost = False
-        # while the link was lost, people may have moved the robot, unless the action moves it
+        # after a loss of the link, a new place is put down to an action only if the action surely
+        # moves the base: otherwise people may have moved the robot
         by_action = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
         by_task = self.tasks.confirmed  # of an action
         self.order.moved(place, by_action=by_action or by_task, confirmed=self.drive.confirmed)

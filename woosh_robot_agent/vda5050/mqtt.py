@@ -226,7 +226,7 @@ class MqttConnection:
             work = [
                 asyncio.create_task(self._read(client), name="mqtt reader"),
                 asyncio.create_task(self._send(client), name="mqtt sender"),
-                asyncio.create_task(self._stay_awake(), name="mqtt stall watch"),
+                asyncio.create_task(self._watch_for_stalls(), name="mqtt stall watch"),
             ]
             try:
                 done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
@@ -243,7 +243,8 @@ class MqttConnection:
             self._handle(message)
             await asyncio.sleep(0)  # a flood of messages must not stop everything else
 
-    async def _stay_awake(self) -> None:
+    async def _watch_for_stalls(self) -> None:
+        """Check once per second, also without messages, that this program has not stood still."""
         while True:
             self._check_awake()
             await asyncio.sleep(1.0)
@@ -258,7 +259,8 @@ class MqttConnection:
             MqttError: it stood still before this check, or before an earlier one.
         """
         now = boot_time()
-        # the broker waits for 1.5 times the keep-alive, of which up to one may have passed before
+        # the broker waits for 1.5 keep-alive intervals, and one of them may have passed before the
+        # standstill; a third is less than the half that is left
         if now - self._awake_at > self._broker.keepalive / 3:
             raise aiomqtt.MqttError("this program stood still; what came meanwhile is ignored")
         self._awake_at = now

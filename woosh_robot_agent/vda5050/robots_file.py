@@ -105,7 +105,8 @@ def _regex(pattern: str) -> str:
 def _robot(name: str, parameters: dict[str, Any], default: LinkConfig) -> ListedRobot:
     if not parameters.get("ip"):
         raise ValueError(f"it needs an ip; set it under /{name}/{_NODE}")
-    options = asdict(default) | parameters  # with all other parameters of the agent
+    # `parameters` also has those that are not of the link; `known_only=False` ignores them
+    options = asdict(default) | parameters
     link = structure(LinkConfig, options, "its parameters", known_only=False)
     serial_number = parameters.get("serial_number", "")
     if isinstance(serial_number, bool) or not isinstance(serial_number, str | int):

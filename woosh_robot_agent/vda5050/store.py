@@ -50,8 +50,8 @@ class Record:
         calls: full names of the commands of the robot's own actions that it executes.
         known_ids: ids of the last instant actions.
         last_motion: id of the last instant action that moves something; empty if there was none
-            since the start of the program. It is only stored so that such an action is saved at
-            once, together with `known_ids`.
+            since the start of the program. It is not used after a restart. A change of it makes
+            `Store.save` write at once, so that `known_ids` contains the action before it begins.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
     """

@@ -76,7 +76,7 @@ async def stop_pause(run: Run) -> None:
         return not execution.paused or execution.pause_wanted
 
     while not is_done():
-        # without a link it goes on, because the robot will resume when the link is back
+        # without a link, this action waits without a limit: the robot resumes when the link is back
         await run.link.conditions.wait(lambda: run.link.ready or is_done())
         await run.wait(
             lambda: not run.link.ready or is_done(), limit, _NOT_RESUMED(seconds=f"{limit:g}")

@@ -84,11 +84,12 @@ def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
     ]
     lengths = [_length(_points_of_span(trajectory, span, _SAMPLES)) for span in spans]
     spacing = max(_SPACING, sum(lengths) / _MAX_POINTS)
-    least = 1 if len(spans) * degree > _MAX_POINTS else degree
+    # a short span is divided, too, because it may bend; not if there are many spans
+    min_count = 1 if len(spans) * degree > _MAX_POINTS else degree
     points = [_point(trajectory, spans[0], knots[spans[0]])]
     for span, length in zip(spans, lengths, strict=True):
         # a straight line needs only its end
-        count = 1 if degree == 1 else max(least, math.ceil(length / spacing))
+        count = 1 if degree == 1 else max(min_count, math.ceil(length / spacing))
         points += _points_of_span(trajectory, span, count)[1:]
     return tuple(points if len(points) <= _MAX_POINTS else _simplified(points))
 

@@ -36,8 +36,8 @@ _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
 _HOLD_PREFIX = "action "
-"""A hold is a reason for which the order must not drive. An instant action that forbids driving is
-one: its name is this prefix and the id of the action."""
+"""Beginning of the name of a hold (reason for which the order must not drive) that is there for an
+instant action; the id of the action follows."""
 
 _TOO_MANY = Sentence("more than {most} instant actions run")
 _RUNS = Sentence("the {action} with this id has not ended")
@@ -104,7 +104,7 @@ class InstantActions:
     def receive(self, actions: Sequence[Action]) -> None:
         """Begin instant actions; refuse those that are impossible or reuse an id wrongly."""
         for action in actions:
-            if action.type == STOP_PAUSE:  # it ends these pauses, too
+            if action.type == STOP_PAUSE:  # also ends the repeated pauses that wait for their start
                 self._pause_again.clear()
             if self._repeats_running_pause(action):
                 # not refused, because a stopPause may have arrived since the first one

@@ -61,7 +61,7 @@ class OrderMemory:
         actions: state of the actions of the order.
         canceling: True while the order is being cancelled, i.e. until its drive and actions have
             ended, and its remaining nodes and edges are removed.
-        cancelled: True once the order was cancelled, also after that.
+        cancelled: True once the order was cancelled; it stays True when `canceling` ends.
         holds: names of the holds, i.e. of the reasons for which the vehicle must not drive.
         error: why the order can only be cancelled; None while it can go on.
     """

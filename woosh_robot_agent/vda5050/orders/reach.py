@@ -221,7 +221,7 @@ class Route:
 
         A missed node counts with the next passed node, but only once the vehicle has driven at
         least the distance to the missed node, and moves away from it. Until then the vehicle may
-        still be on its way to the missed node, which may lead past later nodes.
+        still be on its way to the missed node, and this way may lead past later nodes.
 
         Args:
             here: position of the vehicle, the end of its last move.
@@ -237,9 +237,9 @@ class Route:
             place = node.position
             if place is None:
                 break
-            misses_none = number == count
-            may_miss = self._estimated_way >= way and self._moves_away_from(previous)
-            if (misses_none or may_miss) and is_reached(place, move_start, here):
+            is_next = number == count  # no node before it is missed
+            is_past_previous = self._estimated_way >= way and self._moves_away_from(previous)
+            if (is_next or is_past_previous) and is_reached(place, move_start, here):
                 count = number + 1
                 if move_start is not None and move_start.map_id == here.map_id:
                     # the following nodes must be passed on the rest of the move

@@ -65,6 +65,7 @@ class Controller:
         self._resumed_at = -math.inf
         """Loop time of a resumption whose effect was not reported yet; else minus infinity."""
         self._wake = asyncio.Event()
+        """Set to end the pause before the wanted command is sent again."""
         self._log = LogOnce(_LOG)
 
     def want(self, control: Control) -> None:

@@ -191,7 +191,7 @@ class TaskRunner:
         self._link.background.start(self._start(request.task_id, request))
 
     def restore(self, task_id: int, info: RobotInfo) -> None:
-        """Make a task that was started before a restart of the program the current task.
+        """Take over a task that was started before a restart of the program.
 
         Args:
             task_id: id of the task; 0 if its start was not sent: then `on_end` is called at once.
@@ -261,7 +261,10 @@ class TaskRunner:
             self._ask_until_known()
 
     def _update_foreign_id(self, report: TaskProc) -> None:
-        """Update `foreign_id` from a report on the task that the robot executes."""
+        """Update `foreign_id` from a report on the task that the robot executes.
+
+        If the robot begins the task that was given up, take it over again, and cancel it.
+        """
         is_foreign = report.state not in _END_REASONS and report.robot_task_id != self.id
         is_given_up = not self.id and report.robot_task_id == self._given_up
         if is_foreign and is_given_up:
