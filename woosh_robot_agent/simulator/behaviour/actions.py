@@ -115,7 +115,7 @@ class Actions:
         """Resume a paused action; raise RefusedError if there is no such action."""
         run = self._find(name)
         run.paused = False
-        run.job.suspend(self._robot)  # again: what it knew at the pause may be outdated by now
+        run.job.suspend(self._robot)  # again: a path planned during the pause may be outdated
         self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
 
     def cancel_on(self, device: Device, reason: str) -> None:

@@ -272,7 +272,7 @@ class MapBuilder:
         self._pictures.add(self._profile.picture_period, self._request_picture)
 
     def _request_picture(self) -> None:
-        """Let a picture of the map be pushed, and schedule the next one."""
+        """Make a picture of the map due, which is then pushed, and schedule the next one."""
         self.picture_time = self._robot.elapsed
         self._pictures.add(self._profile.picture_period, self._request_picture)
 

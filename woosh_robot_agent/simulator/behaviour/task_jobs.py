@@ -55,8 +55,9 @@ def task_jobs(
 ) -> list[Job]:
     """Return the jobs of a task.
 
-    If the profile says so, a robot that stands at a charger leaves it first. Without a target mark
-    there is no dock. A task with a dock then neither enters nor leaves it, and makes no steps.
+    If the profile says so, a robot that stands at a charger leaves it first. A target that is not a
+    mark has no dock. Actions that enter a dock are then left out, and with them the actions that
+    leave it, and the steps in it.
 
     Args:
         robot: the robot, at the place where the task starts.

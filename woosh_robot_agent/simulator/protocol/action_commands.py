@@ -226,10 +226,12 @@ def _charge_control(chassis: Chassis, action: action_pb2.ChargeControl) -> Job:
 
 
 def _move_base(chassis: Chassis, action: action_pb2.MoveBase) -> Job:
+    """Return the job that drives through the poses to the target, by default the last pose."""
     way = poses(action.poses)
     target = pose(action.target_pose)
-    # Some clients send an empty target together with the poses.
-    if action.HasField("target_pose") and (target != Pose() or not way):
+    # Some clients send an empty target together with the poses: it does not count.
+    is_unused = target == Pose() and bool(way)
+    if action.HasField("target_pose") and not is_unused:
         if way and way[-1] == target:
             way.pop()
     elif way:

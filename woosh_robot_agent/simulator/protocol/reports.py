@@ -338,7 +338,7 @@ def _map_data(
     def file(name: str) -> bytes:
         return files.get(f"{area.name}/{name}", b"")
 
-    # Both have the position and the resolution of the picture.
+    # A grid and a drawn picture both have `low` and `resolution`.
     picture = area.grid or draw(area)
     x, y = picture.low
     return map_pack_pb2.SceneData.Map(

@@ -153,7 +153,9 @@ _load_shipped = lru_cache(load_scene)
 
 
 def _load(path: Path) -> Scene:
-    """Return a new scene. All robots share the shipped maps: planners are computed once per map.
+    """Return a scene that a robot can change without effect on the scenes of other robots.
+
+    All robots share the shipped maps, so that the planner of each map is computed only once.
 
     Raises:
         DataFileError: the scene cannot be used; the text has the path of the scene or file.
