@@ -220,6 +220,7 @@ class Chassis(Robot):
             self.codes.report(status_codes.CONTROL_MODES[mode])
 
     def publish_code(self, status: robot_count_pb2.StatusCode) -> None:
+        """Also add the state and the task of the robot to a new status code, then send it."""
         status.state = self.state
         if self.tasks.active:
             status.robot_task_id = self.tasks.proc.robot_task_id

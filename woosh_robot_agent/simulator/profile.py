@@ -68,12 +68,14 @@ class Corner(NamedTuple):
 
 
 def _check_rising(times: Distribution | Interval) -> None:
+    """Raise ValueError if a time is negative, or shorter than the one before."""
     if times[0] < 0.0 or list(times) != sorted(times):
         shape = ", ".join(times._fields)
         raise ValueError(f"must be [{shape}], each at least as long as the one before")
 
 
 def _check_requests(requests: Mapping[str, object]) -> None:
+    """Raise ValueError if a key is not the full name of a protobuf message."""
     for name in requests:
         try:
             message_type(name)
@@ -343,6 +345,11 @@ def _shipped(name: str) -> Profile:
 
 
 def _read(path: Path) -> Profile:
+    """Read a profile from a file.
+
+    Raises:
+        DataFileError: the file cannot be read, or is no profile.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:

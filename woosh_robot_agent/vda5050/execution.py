@@ -400,6 +400,7 @@ class Execution:
         return commands
 
     def _poll_order(self) -> list[Command]:
+        """Return the next commands of the order; a drive only while nothing else uses the robot."""
         if self._is_driven_otherwise:  # so the robot may leave the last node
             self.order.require_place_check()
         may_drive = (

@@ -238,6 +238,11 @@ class MqttConnection:
                 await asyncio.gather(*work, return_exceptions=True)
 
     async def _read(self, client: aiomqtt.Client) -> None:
+        """Handle messages until the connection ends.
+
+        Raises:
+            MqttError: the connection is lost, or this program has stood still.
+        """
         async for message in client.messages:
             self._check_awake()
             self._handle(message)
@@ -266,6 +271,7 @@ class MqttConnection:
         self._awake_at = now
 
     def _handle(self, message: aiomqtt.Message) -> None:
+        """Pass a message to the handler of its topic; log an exception of the handler."""
         topic = message.topic.value
         handler = self._handlers.get(topic)
         if handler is None or not isinstance(message.payload, bytes | bytearray):
@@ -462,6 +468,11 @@ def broker_config(
 
 
 def _password(path: Path | None, environment: Mapping[str, str]) -> str | None:
+    """Return the password in the first line of a file, or of the environment; None without one.
+
+    Raises:
+        ValueError: the file cannot be read, or has no password.
+    """
     if path is None:
         return environment.get(_PASSWORD_VARIABLE)
     try:
@@ -474,6 +485,12 @@ def _password(path: Path | None, environment: Mapping[str, str]) -> str | None:
 
 
 def _tls(ca_file: Path | None, cert_file: Path | None, key_file: Path | None) -> ssl.SSLContext:
+    """Return TLS settings with the given files; without `ca_file`, the system's authorities count.
+
+    Raises:
+        ValueError: a file cannot be used.
+    """
+
     def no_password() -> str:
         raise ValueError("the private key is encrypted; decrypt it, and protect its file instead")
 

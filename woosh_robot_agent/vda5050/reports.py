@@ -119,6 +119,7 @@ class Schedule:
         self._timer = asyncio.get_running_loop().call_at(due, self._call)
 
     def _call(self) -> None:
+        """Call the function, and schedule the next call for the case that nothing changes."""
         self._last = asyncio.get_running_loop().time()
         self._timer = None
         if self._longest < math.inf:
@@ -256,12 +257,14 @@ class Reports:
             self._publish(Topic.FACTSHEET, factsheet_message(self._version, factsheet))
 
     def _publish_state(self) -> None:
+        """Publish the state now, unless it is unknown."""
         if (state := self._state()) is not None:
             if not self._limits.maps_in_state:
                 state = replace(state, robot=replace(state.robot, maps=None))
             self._publish(Topic.STATE, state_message(self._version, state))
 
     def _publish_visualization(self) -> None:
+        """Publish the visualization now, but not before the first state, to which it refers."""
         robot = self._robot()
         if self._state_id is not None and robot is not None:
             message = visualization_message(self._version, robot, self._state_id)
@@ -271,6 +274,7 @@ class Reports:
         self._publish(Topic.CONNECTION, connection_message(self._version, state))
 
     def _publish(self, topic: Topic, content: Mapping[str, Any]) -> None:
+        """Publish a message with its header; do nothing without a connection."""
         if self._mqtt is None or not self._mqtt.connected:
             return
         publication = self._message(topic, content)

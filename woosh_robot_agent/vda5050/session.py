@@ -279,6 +279,7 @@ class Session:
         await mqtt.run()
 
     def _ended(self, task: asyncio.Task[None]) -> None:
+        """Log an error of the program that has ended the session."""
         if not task.cancelled() and (error := task.exception()) is not None:
             _LOG.error(
                 "an error of the program has taken the vehicle offline; restart the connector",

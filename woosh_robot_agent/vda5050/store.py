@@ -168,6 +168,7 @@ class Store:
             self._lock = None
 
     def _save_next(self) -> None:
+        """Save the record that waits, now; the header ids stay as saved."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -229,6 +230,13 @@ class Store:
         return self._record, None
 
     def _read(self, path: Path) -> Record:
+        """Return the record in the file.
+
+        Raises:
+            FileNotFoundError: there is no file.
+            OSError: the file cannot be read.
+            ValueError, RecursionError: the file is damaged, or has another format.
+        """
         with path.open("rb") as file:
             data = file.read(_MAX_SIZE + 1)
         if len(data) > _MAX_SIZE:

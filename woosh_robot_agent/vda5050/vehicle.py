@@ -240,12 +240,14 @@ class Vehicle:
     # To the master control
 
     def _factsheet(self) -> Factsheet | None:
+        """Return the factsheet; None before the first report of the robot."""
         info = self._reported.info
         if info is None:
             return None
         return factsheet(info, self._config.limits, tuple(self._execution.types.values()))
 
     def _state(self) -> VehicleState | None:
+        """Return the complete state; None before the first report of the robot."""
         robot, execution = self._execution.robot_status, self._execution
         if robot is None:
             return None

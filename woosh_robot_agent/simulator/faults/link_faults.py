@@ -172,6 +172,7 @@ class _Shuffle:
             self._flush_client(client)
 
     def _flush_client(self, client: object) -> None:
+        """Send the collected frames to a client, in another order."""
         timer = self._timers.pop(client, None)
         if timer:
             timer.cancel()

@@ -344,6 +344,7 @@ def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
 
 
 def _task_order(chassis: Chassis, set_id: int, base: task_pb2.TaskBase) -> TaskOrder:
+    """Return the order for a task of a set; raise RefusedError if the task is impossible."""
     mark = named_mark(chassis, base.mark_no)
     _require_suitable(mark, base.type)
     actions = task_actions(chassis, base.type, base.type_no)

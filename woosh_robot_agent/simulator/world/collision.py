@@ -87,6 +87,7 @@ class Obstacles:
 
 
 def _polygon(x: float, y: float, radius: float) -> tuple[Wall, ...]:
+    """Return the sides of a regular polygon whose corners are on a circle (m)."""
     angles = [math.tau * corner / _CORNERS for corner in range(_CORNERS)]
     corners = [(x + radius * math.cos(angle), y + radius * math.sin(angle)) for angle in angles]
     return tuple(

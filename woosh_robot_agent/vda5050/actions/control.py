@@ -195,6 +195,11 @@ def _as_dict(message: Message) -> dict[str, Any]:
 
 
 def _store(path: Path, text: str) -> None:
+    """Write a report to a file, and delete the oldest reports beside it if there are too many.
+
+    Raises:
+        OSError: the report cannot be written.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, "utf-8")
     for old in sorted(path.parent.glob(f"{_FILE_PREFIX}*.json"))[:-_MAX_REPORTS]:

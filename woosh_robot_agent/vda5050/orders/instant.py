@@ -228,6 +228,7 @@ class InstantActions:
         return ""
 
     def _refuse(self, action: Action, objection: Objection, hint: str) -> None:
+        """Report why an instant action is refused."""
         self._add_error(
             warning(
                 ErrorType.INSTANT_ACTION,

@@ -237,6 +237,7 @@ class RobotCalls:
         return call.result
 
     def _new_call(self, command: Message, report: Callable[[ActionStatus], None]) -> _Call:
+        """Return a new call with its controller, which has not been started."""
         call = _Call(command, report)
 
         async def send(control: Control) -> Answer:
@@ -255,6 +256,14 @@ class RobotCalls:
         return call
 
     async def _start(self, call: _Call) -> None:
+        """Send the start of an action.
+
+        If it was sent, but not answered, ask the robot about the action instead of failing.
+
+        Raises:
+            ActionFailedError: the start was not sent, or the robot refused it.
+        """
+
         def answered(answer: Answer) -> None:
             """Take the answer in order with the reports, which may come before it."""
             call.accepted = answer.ok
@@ -274,6 +283,7 @@ class RobotCalls:
                 raise ActionFailedError(ROBOT_REFUSED(what=call.name, reason=answer.reason))
 
     def _reported(self, reports: Feedbacks) -> None:
+        """Handle pushed reports, which may be about several actions."""
         for report in reports.fbs:
             if call := self._calls.get(report.action):
                 self._handle_report(call, report)
@@ -311,6 +321,7 @@ class RobotCalls:
             call.end(WITH_TEXT(reason=reason, text=report.msg) if report.msg else reason)
 
     def _update_paused(self, call: _Call, *, paused: bool) -> None:
+        """Take from a report if an action is paused, and report a change."""
         was_paused = call.controller.paused
         if call.controller.update(paused):
             if paused != was_paused:
@@ -371,11 +382,12 @@ class RobotCalls:
         self._link.background.start_once(lambda: self._ask(call), call)
 
     async def _ask(self, call: _Call) -> None:
-        """See `_ask_about`. `is_known` becomes True once nothing more has to be asked for now."""
+        """Ask until the state is known for now (`is_known`), or the call ends; see `_ask_about`."""
         clock = asyncio.get_running_loop().time
         name, deadline, is_known = full_name(call.command), math.inf, False
 
         def take_answer(answer: Answer) -> None:
+            """Take the report on the action from an answer, and set `is_known`."""
             nonlocal is_known
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
             mine = [each for each in reports if each.action == name]

@@ -114,6 +114,7 @@ class Controller:
             self._link.background.start_once(self._send_until_obeyed, self)
 
     async def _send_until_obeyed(self) -> None:
+        """Send the wanted command until the robot has obeyed it; a resumption only once."""
         while (control := self._update_wanted()) is not None:
             self._wake.clear()
             if self._link.ready and self._may_send():
@@ -139,6 +140,7 @@ class Controller:
         return self._wanted
 
     async def _send(self, control: Control) -> None:
+        """Send a command once, and handle its answer."""
         command = f"{control.value} of {self._name}"
         answer = None
         try:

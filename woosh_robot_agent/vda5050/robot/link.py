@@ -56,6 +56,7 @@ class Background:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _ended(self, key: Hashable, task: asyncio.Task[None]) -> None:
+        """Forget a task that has ended, and log its exception."""
         if self._tasks.get(key) is task:
             del self._tasks[key]
         if not task.cancelled() and (error := task.exception()) is not None:

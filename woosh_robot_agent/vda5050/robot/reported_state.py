@@ -147,6 +147,8 @@ class ReportedState:
         self._watch_for_silence()
 
     async def _ask_for_pose(self) -> None:
+        """Ask for the pose once; without an answer, `_check_silence` asks again."""
+
         def take_answer(answer: Answer) -> None:
             if answer.ok and isinstance(answer.body, PoseSpeed):
                 self.remember_pose(answer.body)

@@ -220,6 +220,7 @@ class TaskRunner:
         self._controller = self._new_controller()
 
     def _new_controller(self) -> Controller:
+        """Return a controller for the current task."""
         task_id = self.id
 
         async def send(control: Control) -> Answer:
@@ -235,6 +236,11 @@ class TaskRunner:
         return Controller(self._link, f"task {task_id}", send, answered, may_send)
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
+        """Send the start of a task, then ask about the task from time to time until its end.
+
+        A task whose start was not sent or was refused ends at once. If the answer is lost, the
+        robot is asked about the task at once.
+        """
         try:
             answer = await self._link.command(request)
         except (ConnectionLostError, RequestTimeoutError) as error:
@@ -252,6 +258,7 @@ class TaskRunner:
     # Reports
 
     def _reported(self, report: TaskProc) -> None:
+        """Handle a pushed report on the task that the robot executes."""
         self._update_foreign_id(report)
         if not self.id:
             return
