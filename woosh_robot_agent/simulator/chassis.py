@@ -148,7 +148,7 @@ class Chassis(Robot):
         """Set the pose of the robot in the map.
 
         Raises:
-            RefusedError: the robot cannot stand there; see `require_room`.
+            RefusedError: the pose is outside the mapped area, or too close to a wall or obstacle.
         """
         self.require_room(pose)
         self.base.place(pose)

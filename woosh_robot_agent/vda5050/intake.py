@@ -176,6 +176,7 @@ class OrderCheck:
                 )
 
     def _unsupported(self, fields: Sequence[str], place: str, **references: str) -> RejectedError:
+        """Return the rejection of an order with fields that the robot cannot obey."""
         return self._error(
             ErrorType.UNSUPPORTED_PARAMETER,
             _UNSUPPORTED(fields=", ".join(fields), place=place),

@@ -66,7 +66,7 @@ class Connector:
         return dashboard
 
     async def close(self) -> None:
-        """Close all vehicles at the same time; see `Vehicle.close`."""
+        """Close all vehicles at the same time. The robots continue their current tasks."""
         closing = [
             context.run(asyncio.ensure_future, vehicle.close())
             for vehicle, context in self._vehicles

@@ -100,9 +100,9 @@ class Schedule:
         self.call_within(self._shortest)
 
     def call_within(self, interval: float) -> None:
-        """Call the function as soon as `interval` seconds since the last call are over, or earlier.
+        """Call the function once at least `interval` seconds have passed since the last call.
 
-        It is called earlier if an earlier call is scheduled already.
+        If an earlier call is scheduled already, this does nothing.
         """
         loop = asyncio.get_running_loop()
         due = max(loop.time(), self._last + interval)

@@ -175,7 +175,11 @@ class Store:
         self._save(replace(self._next, header_ids=self._record.header_ids))
 
     def _can_wait(self, record: Record) -> bool:
-        """Return True if a record differs from the saved one only in progress; see `save`."""
+        """Return True if a record differs from the saved one only in progress.
+
+        Progress is which nodes and edges are left, and the states and ids of instant actions. If
+        the last of it is lost, the vehicle does nothing twice.
+        """
         saved = self._record
         order_with_saved_progress = replace(
             record.order,
@@ -220,7 +224,11 @@ class Store:
         self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
 
     def _load(self, path: Path) -> tuple[Record, VehicleError | None]:
-        """Read the file, and rename a damaged one; return the same as `open`."""
+        """Read the file, and rename a damaged one.
+
+        Returns:
+            The record, which is empty without a usable file, and an error if the file was damaged.
+        """
         try:
             self._record = self._read(path)
         except FileNotFoundError:

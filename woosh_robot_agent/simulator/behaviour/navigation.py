@@ -384,6 +384,7 @@ class Navigate(Job):
                 return True
             self._turning = False
             robot.codes.report(DRIVING_STRAIGHT, self.kind)
+        # How far the base can drive: to the end of the stretch, or until the corner is beside it.
         ahead = stretch.length if second else distance * math.cos(bearing)
         if ahead <= _POSITION_TOLERANCE:  # the corner is beside the base or behind it
             self._turning = True

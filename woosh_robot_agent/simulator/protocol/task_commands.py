@@ -333,7 +333,7 @@ def _checked_times(times: int) -> int:
 def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
     """Start a task set, to be run `times` times.
 
-    Less than 1 counts as 1, more than `_MAX_REPEATS` as `_MAX_REPEATS`.
+    Files may have any number: less than 1 counts as 1, more than `_MAX_REPEATS` as `_MAX_REPEATS`.
     """
     set_id = task_set.base.id
     if not task_set.tasks:  # only the sets in uploaded files may have none

@@ -147,7 +147,13 @@ def read_pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
 
 
 def _cells(brightness: Floats, opacity: Floats | None, description: _Description) -> Cells:
-    """Convert pixels to cells as map_server does; the arguments are as from `read_pixels`."""
+    """Convert pixels to cells as map_server does.
+
+    Args:
+        brightness: value of each pixel, from 0 (black) to 1 (white).
+        opacity: value of each pixel, from 0 to 1; None for a picture without transparency.
+        description: mode and thresholds of the conversion.
+    """
     mode, negate = description.mode, description.negate
     occupied, free = description.occupied_thresh, description.free_thresh
     if mode == "raw":

@@ -115,7 +115,8 @@ class Run:
     async def wait_for_tasks(self) -> None:
         """Wait until the robot has left its last task, and while the vehicle is paused.
 
-        The robot executes one task at a time. Begin the next one without waiting for anything else.
+        The robot executes one task at a time. When this returns, begin the next task without
+        waiting for anything else.
 
         Raises:
             ActionFailedError: the robot drives along an order.

@@ -136,7 +136,9 @@ class InstantActions:
     def restore(
         self, states: Sequence[ActionState], known_ids: Sequence[str], holds: Sequence[str]
     ) -> list[str]:
-        """Restore the states after a restart. Actions that ran fail, except `cancelOrder`.
+        """Restore the states after a restart.
+
+        Actions that ran fail, except `cancelOrder`, which is performed again.
 
         Args:
             states: the saved states; the changes of the last seconds may be missing.
@@ -162,7 +164,10 @@ class InstantActions:
         return [hold.removeprefix(_HOLD_PREFIX) for hold in interrupted]
 
     def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
-        """Store the new status of an action; return False if it is not an instant action."""
+        """Store the new status of an action; return False if it is not an instant action.
+
+        When a startPause ends, also begin a repeated one that waits for this.
+        """
         state = self._states.get(action_id)
         if state is None:
             return False

@@ -87,7 +87,8 @@ class OrderMachine:
 
     Attributes:
         error: why the order can only be cancelled; None while it can go on.
-        canceling: True while the order is being cancelled, as in `OrderMemory`.
+        canceling: True while the order is being cancelled, i.e. until its drive and actions have
+            ended, and `empty` is called.
     """
 
     def __init__(self) -> None:
@@ -98,7 +99,7 @@ class OrderMachine:
         """The order or update that was taken last."""
         self.canceling = False
         self._is_cancelled = False
-        """True once the order was cancelled, as in `OrderMemory`."""
+        """True once the order was cancelled; it stays True when `canceling` ends."""
         self._holds: set[str] = set()
         """Names of the holds, i.e. of the reasons for which the vehicle must not drive."""
         self._is_drive_paused: bool | None = False

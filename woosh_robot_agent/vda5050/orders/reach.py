@@ -250,7 +250,10 @@ class Route:
         return count
 
     def _moves_away_from(self, place: Position | NodePosition | None) -> bool:
-        """Return True if the last move has not brought the vehicle nearer to a place."""
+        """Return True if the last move has not brought the vehicle nearer to a place.
+
+        Return False if the last move is unknown.
+        """
         if self._move_start is None:
             return False
         return _distance(self.position, place) >= _distance(self._move_start, place)

@@ -170,7 +170,7 @@ class RobotCalls:
         return any(call.controller.paused for call in self._calls.values())
 
     def want(self, control: Control) -> None:
-        """Pause or resume all actions, as `Controller.want` does."""
+        """Pause or resume all actions as soon as possible; a cancelled one stays cancelled."""
         for call in self._calls.values():
             call.cannot_pause = False  # the robot may be able to now
             call.controller.want(control)

@@ -165,14 +165,20 @@ class RobotLink:
         await self.chassis.wait_ready(_READY_TIMEOUT)
 
     async def ask(self, request: Message, tap: Callable[[Answer], None] | None = None) -> Answer:
-        """Send a request that moves nothing, and return the answer; see `ChassisClient.request`.
+        """Send a request that moves nothing, and return the answer.
 
         `tap` is called with the answer before a later report of the robot is handled.
+
+        Raises:
+            LinkError: the request was not sent or not answered.
         """
         return await self.chassis.request(self._requests.address(request), tap=tap)
 
     async def command(
         self, request: Message, tap: Callable[[Answer], None] | None = None
     ) -> Answer:
-        """Send a request that may move the robot; see `ask` and `MotionGate.request`."""
+        """Send a request that may move the robot; `tap` and exceptions are those of `ask`.
+
+        The motion gate decides whether it is sent now.
+        """
         return await self.gate.request(self._requests.address(request), tap=tap)

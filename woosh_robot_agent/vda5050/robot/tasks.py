@@ -205,7 +205,10 @@ class TaskRunner:
             self._on_end(_RESTARTED())
 
     def want(self, control: Control) -> None:
-        """Pause, resume or cancel the task, like `Controller.want`; without a task, do nothing."""
+        """Pause, resume or cancel the task as soon as possible; do nothing without a task.
+
+        A cancelled task stays cancelled.
+        """
         if self.id:
             self._controller.want(control)
 
@@ -483,7 +486,8 @@ class ActionTasks:
         Args:
             task_id: `awaited_id` before the restart.
             info: the first report of the robot.
-            is_done: returns True if what the action waited for has happened, as in `perform`.
+            is_done: returns True once what the action waited for has happened, e.g. the battery is
+                being charged. Then the end of the task is not waited for.
         """
         if task_id:
             self.has_leftover = True
