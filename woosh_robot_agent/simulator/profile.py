@@ -270,8 +270,8 @@ class RefusalProfile:
 
     Attributes:
         always: texts of the answers to requests that are always refused, by message type.
-        texts: texts of all other refusals of a request, by message type; see `Refusal.words` for
-            types that are not listed.
+        texts: texts of all other refusals of a request, by message type. Types that are not listed
+            have the words for the reason, `Refusal.words`.
         explained: True to answer with explanations for people instead of these texts.
         codes: True if a status code follows a refusal for which the real robot has one.
         while_busy: True to refuse a task or steps while others run, and InitRobot while a task

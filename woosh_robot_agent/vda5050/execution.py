@@ -360,11 +360,12 @@ class Execution:
         """Handle the end of the drive.
 
         Args:
-            reason: why the drive failed; empty after a success.
+            reason: why the drive failed, or `UNSENT` if it was not sent; empty after a success.
         """
         if reason == UNSENT:
             self.order.drive_unsent()
         else:
+            # a drive that was cancelled because of a refused speed limit failed for that reason
             self.order.drive_ended(self._refused_speed or reason)
         self._refused_speed = ""
         self.link.changed()

@@ -178,7 +178,7 @@ class Store:
         """Return True if a record differs from the saved one only in progress.
 
         Progress is which nodes and edges are left, and the states and ids of instant actions. If
-        the last of it is lost, the vehicle does nothing twice.
+        the last of it is lost, nothing that moves is repeated.
         """
         saved = self._record
         order_with_saved_progress = replace(

@@ -90,7 +90,7 @@ class Vehicle:
         await self._link.chassis.close()  # at the end: no state must say that the link is lost
 
     def _identified(self, info: RobotInfo) -> None:
-        """Connect to the broker after the first report of the robot, which has its identity."""
+        """Connect to the broker after the first report, which tells the identity of the robot."""
         if self._session is not None or self._link.is_closing:
             return
         config = self._config

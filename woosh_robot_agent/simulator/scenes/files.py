@@ -27,7 +27,7 @@ _MAX_FILE_BYTES = 64 * 1024 * 1024
 
 
 def load_scene(path: Path) -> Scene:
-    """Read the scene in a folder or of one YAML file: a `scene.yaml` or a map of map_server.
+    """Read a scene from a folder, or from a YAML file: `scene.yaml`, or a map of map_server.
 
     Raises:
         DataFileError: a file cannot be used.

@@ -67,7 +67,7 @@ async def stop_pause(run: Run) -> None:
     if execution.pause_wanted:
         execution.set_pause_wanted(False)
     elif execution.paused:  # by people at the robot, or the robot has refused to resume
-        if not execution.order.held:
+        if not execution.order.held:  # a held drive is resumed at the end of the hold
             execution.drive.want(Control.RESUME)
         execution.calls.want(Control.RESUME)
         execution.tasks.want(Control.RESUME)

@@ -119,7 +119,10 @@ class ActionRunner:
                 self._end(action, NOT_AUTOMATIC())
 
     def poll(self) -> None:
-        """Start the actions that may start now."""
+        """Start the actions that may start now.
+
+        If the robot is not in automatic mode, first end the actions that move something.
+        """
         execution = self._execution
         if not execution.robot.is_automatic:
             self._end_motion()

@@ -77,7 +77,10 @@ def curve_defect(trajectory: Trajectory) -> str:
 
 @functools.lru_cache(maxsize=256)
 def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
-    """Return points along a valid trajectory (see `curve_defect`), from its start to its end."""
+    """Return points along a valid trajectory (see `curve_defect`), from its start to its end.
+
+    They are at most about `_SPACING` apart, and farther on a straight line or a long curve.
+    """
     degree, knots = int(trajectory.degree), trajectory.knots
     spans = [
         span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]
@@ -158,7 +161,10 @@ def _is_behind(point: Point, following: Point, here: Point) -> bool:
 
 
 def _simplified(path: Sequence[Point]) -> list[Point]:
-    """Simplify a path with the Ramer-Douglas-Peucker algorithm."""
+    """Leave out points of a path with the Ramer-Douglas-Peucker algorithm.
+
+    No point that is left out is farther than `_PRECISION` from the simplified path.
+    """
     kept = {0, len(path) - 1}
     sections = [(0, len(path) - 1)]
     while sections:

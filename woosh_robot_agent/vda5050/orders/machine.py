@@ -476,6 +476,8 @@ class OrderMachine:
     def _start_leg_or_reach_in_place(self) -> bool:
         """Start the next leg, or reach the next node without a drive if it is at the same place.
 
+        If the leg begins with a trajectory that is too far away, set `error` instead.
+
         Returns:
             True if the next node was reached, so that the leg after it may start.
         """

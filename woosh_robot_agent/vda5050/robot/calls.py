@@ -237,7 +237,7 @@ class RobotCalls:
         return call.result
 
     def _new_call(self, command: Message, report: Callable[[ActionStatus], None]) -> _Call:
-        """Return a new call with its controller, which has not been started."""
+        """Return a new call with a controller; the action is not started yet."""
         call = _Call(command, report)
 
         async def send(control: Control) -> Answer:

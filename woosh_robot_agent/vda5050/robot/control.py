@@ -92,6 +92,7 @@ class Controller:
         else:
             self._resumed_at = -math.inf
         now = asyncio.get_running_loop().time()
+        # soon after a resumption, the report may be older than its effect
         self.stays_paused = paused and now >= self._resumed_at + _EFFECT_WITHIN
         changed = (self.paused, self.stays_paused) != before
         if changed:

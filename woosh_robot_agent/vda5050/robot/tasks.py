@@ -305,7 +305,7 @@ class TaskRunner:
             self._on_pause_changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        """Find out the state of the current task after a reconnect."""
+        """Find out the state of the current task after a reconnect, or a restart of the program."""
         self._update_foreign_id(info.task_proc)
         if not self.id:
             return
@@ -395,7 +395,10 @@ class TaskRunner:
         return end_of(answer) is not None
 
     async def _executes_unnamed_task(self) -> bool:
-        """Return True if the robot tells that it executes a task, but not which one."""
+        """Return True if the robot tells that it executes a task, but not which one.
+
+        Return False also if it does not answer in time.
+        """
         try:
             answer = await self._link.ask(RobotInfo())
         except RequestTimeoutError:
