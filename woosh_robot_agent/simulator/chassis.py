@@ -148,7 +148,8 @@ class Chassis(Robot):
         """Set the pose of the robot in the map.
 
         Raises:
-            RefusedError: the pose is outside the mapped area, or too close to a wall or obstacle.
+            RefusedError: the pose is outside the mapped area, or the robot would overlap a wall or
+                an obstacle.
         """
         self.require_room(pose)
         self.base.place(pose)

@@ -354,7 +354,10 @@ class Navigate(Job):
         return Progress(text=text, impeded=True)
 
     def _plan_detour(self, robot: Robot) -> bool:
-        """Plan a path round the current obstacles. Return False if there is no path."""
+        """Plan a path round the current obstacles. Return False if there is no path.
+
+        A strict path has no detour, and obstacles for which none was found are not tried again.
+        """
         obstacles = robot.obstacles.walls
         if self._strict or obstacles == self._tried_obstacles:
             return False

@@ -56,6 +56,8 @@ class _Pose(NamedTuple):
 
 
 class _Corners(NamedTuple):
+    """Two opposite corners of an area."""
+
     x1: float
     y1: float
     x2: float
