@@ -35,7 +35,13 @@ class Chassis(Robot):
     `tick` advances the simulated time by a step, and makes the scheduled calls that are due in it.
     Within a step, `run_until` makes scheduled calls at their exact times. Requests change the state
     at any time. Events, e.g. status codes, must all be pushed; they are collected until
-    `take_events` returns them. The arguments are those of `Robot`.
+    `take_events` returns them.
+
+    Args:
+        config: the options.
+
+    Raises:
+        DataFileError: the file of the profile or of a scene cannot be used.
 
     Attributes:
         call_muted: flag that SetMuteCall sets. It only shows in DeviceState.

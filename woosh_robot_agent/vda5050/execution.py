@@ -286,7 +286,7 @@ class Execution:
         # after a loss of the link, a new place is put down to an action only if the action surely
         # moves the base: otherwise people may have moved the robot
         by_action = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
-        by_task = self.tasks.confirmed  # of an action
+        by_task = self.tasks.confirmed  # the robot executes the task of an action
         self.order.moved(place, by_action=by_action or by_task, confirmed=self.drive.confirmed)
         if self.robot.status is not None and self.robot.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()

@@ -94,6 +94,7 @@ class Schedule:
         self._last = -math.inf
         """Loop time of the last call."""
         self._timer: asyncio.TimerHandle | None = None
+        """The scheduled call; None without one."""
 
     def changed(self) -> None:
         """Call the function as soon as the minimum time since the last call is over."""

@@ -57,6 +57,7 @@ class OtherConnectorDetector:
         self._connections = 0
         """Number of connections to the broker so far."""
         self._timer: asyncio.TimerHandle | None = None
+        """Clears the error after `gone_after`; None while no such time runs."""
         self.error: VehicleError | None = None
 
     def connected(self) -> None:

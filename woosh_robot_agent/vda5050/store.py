@@ -48,12 +48,15 @@ class Record:
             stop); 0 without such a task.
         action_task_id: id of the robot's task that an action waits for; 0 without one.
         calls: full names of the commands of the robot's own actions that it executes.
+        order: state of the order.
+        instant_actions: states of the instant actions.
         known_ids: ids of the last instant actions.
         last_motion: id of the last instant action that moves something; empty if there was none
             since the start of the program. It is not used after a restart. A change of it makes
             `Store.save` write at once, so that `known_ids` contains the action before it begins.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
+        format: number of the format of the file.
     """
 
     robot_id: int = 0

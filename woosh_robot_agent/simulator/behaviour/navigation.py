@@ -407,6 +407,7 @@ class Navigate(Job):
     def _stretch_ahead(self, here: Pose) -> _Stretch:
         """Return the part of the path from `here` to where the base has to stop or turn."""
         corners = self._corners_of_stretch()
+        # the aim is `_LOOKAHEAD` ahead, or the end of a shorter stretch
         length, aim, before = 0.0, corners[-1], here.point
         for corner in corners:
             step = math.dist(before, corner)

@@ -120,8 +120,8 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
     """Return the scenes that a robot knows, by name, and the one in which it starts.
 
     Args:
-        given: folders or files of further scenes, as for `load_scene`. They replace shipped scenes
-            of the same name. The robot starts in the first of these scenes, if there are any.
+        given: folders or YAML files of further scenes. They replace shipped scenes of the same
+            name. The robot starts in the first of these scenes, if there are any.
 
     Raises:
         DataFileError: a file cannot be used, or two of the given scenes have the same name.
@@ -167,7 +167,7 @@ def _load(path: Path) -> Scene:
     """
     try:
         scene = _load_shipped(path) if path in _SHIPPED else load_scene(path)
-    except DataFileError as error:  # it names a file in the folder, as other scenes may have
+    except DataFileError as error:  # it may only name the file, e.g. a scene.yaml of many
         text = str(error)
         raise DataFileError(text if text.startswith(str(path)) else f"{path}: {text}") from None
     return dataclasses.replace(scene, maps=list(scene.maps), files=dict(scene.files))

@@ -38,7 +38,7 @@ class _Origin(NamedTuple):
 
 @dataclass(frozen=True)
 class _Description:
-    """The YAML file of a map."""
+    """The YAML file of a map, with the keys of nav2's map_server."""
 
     image: str
     resolution: Annotated[float, Between(0.001, 10)]
@@ -66,8 +66,8 @@ def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> Grid:
     Args:
         name: path of the YAML file, for errors.
         content: content of the YAML file. Unknown keys are ignored, as by map_server.
-        read: returns the content of the picture, whose path begins at the YAML file, or raises
-            `DataFileError`.
+        read: returns the content of the picture, whose path is relative to the YAML file's folder,
+            or raises `DataFileError`.
 
     Raises:
         DataFileError: the YAML file or the picture is invalid.

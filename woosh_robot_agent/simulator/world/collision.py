@@ -33,8 +33,8 @@ class Obstacles:
 
         Args:
             name: name by which the obstacle can be moved and removed.
-            x: position of the centre in the map's frame, in metres.
-            y: the same.
+            x: x of the centre in the map's frame, in metres.
+            y: y of the centre in the map's frame, in metres.
             radius: radius of the circle around the obstacle, in metres.
 
         Raises:

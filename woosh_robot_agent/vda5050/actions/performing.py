@@ -207,7 +207,8 @@ def vehicle_action(
     """Return a decorator that makes a function an action.
 
     Args:
-        version: as in `VehicleAction`; the other arguments are those of `ActionType`.
+        version: major number of the only version of the standard that has the action, e.g. `3`;
+            empty if all versions have it. The other arguments are the attributes of `ActionType`.
     """
     kind = ActionType(
         name,

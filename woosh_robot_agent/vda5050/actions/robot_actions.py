@@ -247,7 +247,7 @@ async def lift_to(run: Run) -> str:
     pausable=True,
 )
 async def step(run: Run) -> str:
-    """Move the robot by a distance: straight, or to the left with `lateral`."""
+    """Move the robot by a distance: straight, or sideways with `lateral`; then left is positive."""
     kind = StepControl.Step
     mode = kind.kLateral if run.given.get("lateral", False) else kind.kStraight
     return await _step(run, mode, run.given["distance"])

@@ -238,7 +238,7 @@ def _uniform_knots(degree: int, points: int) -> list[float]:
 
 
 def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -> dict[str, Any]:
-    """Return a message of the master control.
+    """Parse and check a message of the master control, and return it.
 
     Raises:
         RejectedError: the message is malformed, or not for this vehicle.

@@ -276,7 +276,11 @@ class OrderMachine:
     ) -> None:
         """Take a new position, and reach the nodes of the leg that the vehicle has passed.
 
-        The arguments are those of `Route.moved`.
+        Args:
+            position: the new position, also if it is the same as before.
+            by_action: True if an action may have moved the vehicle.
+            confirmed: True if the robot has confirmed, over the current link, that it drives the
+                leg.
         """
         self._route.moved(
             position, by_action=by_action, confirmed=confirmed, passes=not self.canceling

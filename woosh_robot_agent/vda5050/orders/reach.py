@@ -279,7 +279,8 @@ class Route:
     def _is_far_from(self, node: Node) -> bool:
         """Return True if the vehicle is so far from a node that its actions would be misplaced.
 
-        This distance is the permitted deviation, and the way that it drives between two reports.
+        It is if the distance exceeds the permitted deviation plus the way that a vehicle drives
+        between two reports.
         """
         place, here = node.position, self.position
         if place is None or here is None:

@@ -26,6 +26,7 @@ class Background:
 
     def __init__(self) -> None:
         self._tasks: dict[Hashable, asyncio.Task[None]] = {}
+        """Running tasks, by key."""
 
     def start(self, work: Coroutine[Any, Any, None], key: Hashable = None) -> asyncio.Task[None]:
         """Start a task, and return it; the task with the same key is cancelled.
@@ -177,8 +178,12 @@ class RobotLink:
     async def command(
         self, request: Message, tap: Callable[[Answer], None] | None = None
     ) -> Answer:
-        """Send a request that may move the robot; `tap` and exceptions are those of `ask`.
+        """Send a request that may move the robot, and return the answer.
 
-        The motion gate decides whether it is sent now.
+        `tap` is called with the answer before a later report of the robot is handled.
+
+        Raises:
+            LinkError: the request was not sent or not answered; SupersededError if the motion gate
+                forbids it.
         """
         return await self.gate.request(self._requests.address(request), tap=tap)

@@ -119,6 +119,7 @@ class ReportedState:
         self._moved()
 
     def _moved(self) -> None:
+        """Take note of a new pose."""
         self._pose_at = asyncio.get_running_loop().time()
         self._has_moved = True
         self._link.moved()

@@ -186,6 +186,7 @@ class TaskRunner:
 
     def start(self, request: ExecTask) -> None:
         """Execute a task; it gets a new id."""
+        # by the clock, so that it is not the id of a task of an earlier run of the program
         request.task_id = max(self._last_id + 1, int(time.time() * 1000))
         self._set_current(request.task_id)
         self._link.background.start(self._start(request.task_id, request))
