@@ -35,7 +35,13 @@ class Chassis(Robot):
     `tick` advances the simulated time by a step, and makes the scheduled calls that are due in it.
     Within a step, `run_until` makes scheduled calls at their exact times. Requests change the state
     at any time. Events, e.g. status codes, must all be pushed; they are collected until
-    `take_events` returns them. The arguments are those of `Robot`.
+    `take_events` returns them.
+
+    Args:
+        config: the options.
+
+    Raises:
+        DataFileError: the file of the profile or of a scene cannot be used.
 
     Attributes:
         call_muted: flag that SetMuteCall sets. It only shows in DeviceState.
@@ -148,7 +154,8 @@ class Chassis(Robot):
         """Set the pose of the robot in the map.
 
         Raises:
-            RefusedError: the robot cannot stand there; see `require_room`.
+            RefusedError: the pose is outside the mapped area, or the robot would overlap a wall or
+                an obstacle.
         """
         self.require_room(pose)
         self.base.place(pose)
@@ -220,6 +227,7 @@ class Chassis(Robot):
             self.codes.report(status_codes.CONTROL_MODES[mode])
 
     def publish_code(self, status: robot_count_pb2.StatusCode) -> None:
+        """Also add the state and the task of the robot to a new status code, then send it."""
         status.state = self.state
         if self.tasks.active:
             status.robot_task_id = self.tasks.proc.robot_task_id

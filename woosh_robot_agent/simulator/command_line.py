@@ -128,6 +128,12 @@ _OPTIONS = [each for each in fields(SimulatorConfig) if each.metadata]
 
 
 def _config(options: argparse.Namespace) -> SimulatorConfig:
+    """Return the configuration from the options.
+
+    Raises:
+        ValueError: an option or the scenario is invalid.
+        OSError: the file of the scenario cannot be read.
+    """
     scenario = load_scenario(options.scenario) if options.scenario else Scenario()
     return SimulatorConfig(
         **{each.name: getattr(options, each.name) for each in _OPTIONS},

@@ -107,8 +107,8 @@ class SimulatorConfig:
         metavar="N",
     )
     scenes: tuple[Path, ...] = ()
-    """Paths of scenes besides the shipped ones, as for `load_scene`. The robot starts in the first
-    of them; if there are none, in the first shipped scene."""
+    """Folders or YAML files of scenes besides the shipped ones. The robot starts in the first of
+    them; if there are none, in the first shipped scene."""
     omnidirectional: bool = True
     """True for a base that can move sideways, False for a differential base."""
     initialised: bool = True

@@ -74,7 +74,8 @@ class Robot(Timeline):
         self.profile = load_profile(config.profile)
         self.omnidirectional = config.omnidirectional
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
-        """Seed of `rng` and of the laser noise, each with a text of its own behind it."""
+        """Seed of `rng` and of the laser noise. Each appends a text of its own to it, so that the
+        two have different random numbers."""
         self.rng = random.Random(f"{self._seed}:chance")
         self.answer_delay = 0.0
         self.state_first = False

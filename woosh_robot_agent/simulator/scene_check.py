@@ -26,7 +26,7 @@ def check_scene(path: Path, profile: Profile) -> list[str]:
     """Return a line for each error in a scene; an empty list if there is none.
 
     Args:
-        path: folder or file of the scene, as for `load_scene`.
+        path: folder of the scene, or its YAML file: `scene.yaml`, or a map of map_server.
         profile: profile of the robot that is to drive there.
     """
     try:

@@ -210,6 +210,7 @@ class SimulatorThread:
             self._ready.set_exception(error)
 
     async def _serve(self) -> None:
+        """Run the chassis until `stop`, and hand it over once clients can connect."""
         self._loop = asyncio.get_running_loop()
         async with SimulatedChassis(self._config) as simulator:
             self._ready.set_result(simulator)

@@ -101,7 +101,10 @@ class DelayedCalls:
         """Number of calls of `cancel_all`. A scheduled call is skipped if it has changed since."""
 
     def add(self, delay: float, call: Call) -> None:
-        """Schedule a call like `Timeline.after`; `cancel_all` cancels it."""
+        """Schedule a call in `delay` seconds of simulated time; `cancel_all` cancels it.
+
+        Call at once unless `delay` > 0.
+        """
         cancellations = self._cancellations
 
         def call_unless_cancelled() -> None:

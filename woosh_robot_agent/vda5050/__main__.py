@@ -9,7 +9,13 @@ from woosh_robot_agent.program import run_program
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the connector, see `program.main`; tell how to install a library that is missing."""
+    """Run the connector, and return its exit status.
+
+    If a library is missing, tell how to install it.
+
+    Args:
+        arguments: arguments of the program; by default from the command line.
+    """
 
     def run() -> int:
         from woosh_robot_agent.vda5050.program import main

@@ -158,7 +158,10 @@ class Execution:
 
     @property
     def _must_wait(self) -> bool:
-        """True if something drives the robot, also a leftover, for whose end the order waits."""
+        """True if the order must not drive yet, because something else moves the robot, or may.
+
+        This is something outside of the vehicle, or what an action has started before a restart.
+        """
         may_move_base = self.calls.moves_base or bool(self.tasks.id)
         return self._is_driven_otherwise or (self.has_leftovers and may_move_base)
 
@@ -180,7 +183,7 @@ class Execution:
     @property
     def _is_driven_otherwise(self) -> bool:
         """True if something other than the order and the vehicle's actions drives the robot."""
-        if self.order.driving or self.drive.id:  # it may have a task that began too late
+        if self.order.driving or self.drive.id:  # without an order: a task that began too late
             return False
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
@@ -189,7 +192,7 @@ class Execution:
 
     @property
     def is_leaving_task(self) -> bool:
-        """True from the end of a task until the robot leaves it: it may refuse another one."""
+        """True from the end of a task until the robot has left it and can take the next one."""
         if self.drive.id or self.tasks.id or self.robot.info is None:
             return False
         is_in_task = self.robot.info.state in (robot.kTask, robot.kParking)
@@ -280,9 +283,10 @@ class Execution:
             return
         if not self.active:
             self._link_was_lost = False
-        # while the link was lost, people may have moved the robot, unless the action moves it
+        # after a loss of the link, a new place is put down to an action only if the action surely
+        # moves the base: otherwise people may have moved the robot
         by_action = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
-        by_task = self.tasks.confirmed  # of an action
+        by_task = self.tasks.confirmed  # the robot executes the task of an action
         self.order.moved(place, by_action=by_action or by_task, confirmed=self.drive.confirmed)
         if self.robot.status is not None and self.robot.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()
@@ -356,11 +360,12 @@ class Execution:
         """Handle the end of the drive.
 
         Args:
-            reason: why the drive failed; empty after a success.
+            reason: why the drive failed, or `UNSENT` if it was not sent; empty after a success.
         """
         if reason == UNSENT:
             self.order.drive_unsent()
         else:
+            # a drive that was cancelled because of a refused speed limit failed for that reason
             self.order.drive_ended(self._refused_speed or reason)
         self._refused_speed = ""
         self.link.changed()
@@ -396,6 +401,7 @@ class Execution:
         return commands
 
     def _poll_order(self) -> list[Command]:
+        """Return the next commands of the order; a drive only while nothing else uses the robot."""
         if self._is_driven_otherwise:  # so the robot may leave the last node
             self.order.require_place_check()
         may_drive = (

@@ -89,6 +89,7 @@ class OrderCheck:
             self._check_trajectory(start, edge, end)
 
     def _check_size(self) -> None:
+        """Raise RejectedError if the order has too many nodes or control points."""
         if (number := len(self._order.nodes)) > MAX_NODES:
             raise self._error(
                 ErrorType.ORDER,
@@ -107,6 +108,7 @@ class OrderCheck:
             )
 
     def _check_edge(self, edge: Edge) -> None:
+        """Raise RejectedError if the robot cannot obey a field or perform an action of an edge."""
         if edge.unsupported:
             raise self._unsupported(edge.unsupported, _EDGE(), edgeId=edge.id)
         if edge.max_speed is not None and edge.max_speed < _MIN_SPEED_LIMIT:
@@ -120,6 +122,10 @@ class OrderCheck:
         self._check_actions(edge.actions, Scope.EDGE, edgeId=edge.id)
 
     def _check_node(self, node: Node, maps: Set[str]) -> None:
+        """Raise RejectedError if a node has no position, is on no known map, or has a bad action.
+
+        `maps` has the ids of the maps on the robot.
+        """
         if node.position is None:
             raise self._error(
                 ErrorType.ORDER,
@@ -139,6 +145,7 @@ class OrderCheck:
         self._check_actions(node.actions, Scope.NODE, nodeId=node.id)
 
     def _check_trajectory(self, start: Node, edge: Edge, end: Node) -> None:
+        """Raise RejectedError if an edge has a trajectory that is invalid, or leads elsewhere."""
         if edge.trajectory is None:
             return
         reason = curve_defect(edge.trajectory)
@@ -155,6 +162,7 @@ class OrderCheck:
             )
 
     def _check_actions(self, actions: Iterable[Action], scope: Scope, **place: str) -> None:
+        """Raise RejectedError if an action is impossible; `place` refers to its node or edge."""
         for action in actions:
             if objection := find_objection(self._types, action, scope):
                 raise self._error(
@@ -168,6 +176,7 @@ class OrderCheck:
                 )
 
     def _unsupported(self, fields: Sequence[str], place: str, **references: str) -> RejectedError:
+        """Return the rejection of an order with fields that the robot cannot obey."""
         return self._error(
             ErrorType.UNSUPPORTED_PARAMETER,
             _UNSUPPORTED(fields=", ".join(fields), place=place),

@@ -226,7 +226,7 @@ class MqttConnection:
             work = [
                 asyncio.create_task(self._read(client), name="mqtt reader"),
                 asyncio.create_task(self._send(client), name="mqtt sender"),
-                asyncio.create_task(self._stay_awake(), name="mqtt stall watch"),
+                asyncio.create_task(self._watch_for_stalls(), name="mqtt stall watch"),
             ]
             try:
                 done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
@@ -238,12 +238,18 @@ class MqttConnection:
                 await asyncio.gather(*work, return_exceptions=True)
 
     async def _read(self, client: aiomqtt.Client) -> None:
+        """Handle messages until the connection ends.
+
+        Raises:
+            MqttError: the connection is lost, or this program has stood still.
+        """
         async for message in client.messages:
             self._check_awake()
             self._handle(message)
             await asyncio.sleep(0)  # a flood of messages must not stop everything else
 
-    async def _stay_awake(self) -> None:
+    async def _watch_for_stalls(self) -> None:
+        """Check once per second, also without messages, that this program has not stood still."""
         while True:
             self._check_awake()
             await asyncio.sleep(1.0)
@@ -258,12 +264,14 @@ class MqttConnection:
             MqttError: it stood still before this check, or before an earlier one.
         """
         now = boot_time()
-        # the broker waits for 1.5 times the keep-alive, of which up to one may have passed before
+        # the broker waits for 1.5 keep-alive intervals, and one of them may have passed before the
+        # standstill; a third is less than the half that is left
         if now - self._awake_at > self._broker.keepalive / 3:
             raise aiomqtt.MqttError("this program stood still; what came meanwhile is ignored")
         self._awake_at = now
 
     def _handle(self, message: aiomqtt.Message) -> None:
+        """Pass a message to the handler of its topic; log an exception of the handler."""
         topic = message.topic.value
         handler = self._handlers.get(topic)
         if handler is None or not isinstance(message.payload, bytes | bytearray):
@@ -460,6 +468,11 @@ def broker_config(
 
 
 def _password(path: Path | None, environment: Mapping[str, str]) -> str | None:
+    """Return the password in the first line of a file, or of the environment; None without one.
+
+    Raises:
+        ValueError: the file cannot be read, or has no password.
+    """
     if path is None:
         return environment.get(_PASSWORD_VARIABLE)
     try:
@@ -472,6 +485,12 @@ def _password(path: Path | None, environment: Mapping[str, str]) -> str | None:
 
 
 def _tls(ca_file: Path | None, cert_file: Path | None, key_file: Path | None) -> ssl.SSLContext:
+    """Return TLS settings with the given files; without `ca_file`, the system's authorities count.
+
+    Raises:
+        ValueError: a file cannot be used.
+    """
+
     def no_password() -> str:
         raise ValueError("the private key is encrypted; decrypt it, and protect its file instead")
 

@@ -66,7 +66,7 @@ class Connector:
         return dashboard
 
     async def close(self) -> None:
-        """Close all vehicles at the same time; see `Vehicle.close`."""
+        """Close all vehicles at the same time. The robots continue their current tasks."""
         closing = [
             context.run(asyncio.ensure_future, vehicle.close())
             for vehicle, context in self._vehicles
@@ -196,6 +196,7 @@ def _vehicles(
 
 
 def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) -> VehicleConfig:
+    """Return the configuration of one vehicle; all vehicles share the options of the program."""
     return VehicleConfig(
         link=link,
         manufacturer=options.manufacturer,
@@ -212,6 +213,7 @@ def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) 
 
 
 async def _run(connector: Connector, dashboard_port: int | None) -> int:
+    """Run the connector, and the page if it has a port, until a signal; return the exit status."""
     stop = stop_event()
     async with AsyncExitStack() as stack:
         connector.start()

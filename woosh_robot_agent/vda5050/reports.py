@@ -94,15 +94,16 @@ class Schedule:
         self._last = -math.inf
         """Loop time of the last call."""
         self._timer: asyncio.TimerHandle | None = None
+        """The scheduled call; None without one."""
 
     def changed(self) -> None:
         """Call the function as soon as the minimum time since the last call is over."""
         self.call_within(self._shortest)
 
     def call_within(self, interval: float) -> None:
-        """Call the function as soon as `interval` seconds since the last call are over, or earlier.
+        """Call the function once at least `interval` seconds have passed since the last call.
 
-        It is called earlier if an earlier call is scheduled already.
+        If an earlier call is scheduled already, this does nothing.
         """
         loop = asyncio.get_running_loop()
         due = max(loop.time(), self._last + interval)
@@ -119,6 +120,7 @@ class Schedule:
         self._timer = asyncio.get_running_loop().call_at(due, self._call)
 
     def _call(self) -> None:
+        """Call the function, and schedule the next call for the case that nothing changes."""
         self._last = asyncio.get_running_loop().time()
         self._timer = None
         if self._longest < math.inf:
@@ -256,12 +258,14 @@ class Reports:
             self._publish(Topic.FACTSHEET, factsheet_message(self._version, factsheet))
 
     def _publish_state(self) -> None:
+        """Publish the state now, unless it is unknown."""
         if (state := self._state()) is not None:
             if not self._limits.maps_in_state:
                 state = replace(state, robot=replace(state.robot, maps=None))
             self._publish(Topic.STATE, state_message(self._version, state))
 
     def _publish_visualization(self) -> None:
+        """Publish the visualization now, but not before the first state, to which it refers."""
         robot = self._robot()
         if self._state_id is not None and robot is not None:
             message = visualization_message(self._version, robot, self._state_id)
@@ -271,10 +275,11 @@ class Reports:
         self._publish(Topic.CONNECTION, connection_message(self._version, state))
 
     def _publish(self, topic: Topic, content: Mapping[str, Any]) -> None:
+        """Publish a message with its header; do nothing without a connection."""
         if self._mqtt is None or not self._mqtt.connected:
             return
         publication = self._message(topic, content)
-        if topic is Topic.CONNECTION:
+        if topic is Topic.CONNECTION:  # the broker sends it back, see `is_own_connection`
             self._own_connections += (self._will.payload, publication.payload)
         self._mqtt.publish(publication)
 

@@ -53,6 +53,11 @@ def read_robots(path: Path, default: LinkConfig) -> list[ListedRobot]:
 
 
 def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
+    """Return the robots in the content of a parameter file.
+
+    Raises:
+        ValueError: the content lists no robots, or a robot is invalid.
+    """
     sections = list(_sections("", content))
     names = _parameters(sections, f"/{_NODE}").get("robots")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
@@ -103,9 +108,15 @@ def _regex(pattern: str) -> str:
 
 
 def _robot(name: str, parameters: dict[str, Any], default: LinkConfig) -> ListedRobot:
+    """Return a robot from its parameters; `default` has the options that they do not set.
+
+    Raises:
+        ValueError: a parameter is missing or invalid.
+    """
     if not parameters.get("ip"):
         raise ValueError(f"it needs an ip; set it under /{name}/{_NODE}")
-    options = asdict(default) | parameters  # with all other parameters of the agent
+    # `parameters` also has those that are not of the link; `known_only=False` ignores them
+    options = asdict(default) | parameters
     link = structure(LinkConfig, options, "its parameters", known_only=False)
     serial_number = parameters.get("serial_number", "")
     if isinstance(serial_number, bool) or not isinstance(serial_number, str | int):
@@ -121,6 +132,7 @@ def _leads_to_same_robot(one: LinkConfig, other: LinkConfig) -> bool:
 
 
 def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
+    """Raise ValueError if a robot has the name, address or serial number of another robot."""
     for other in others:
         if other.name == robot.name:
             raise ValueError("give each robot its own name; two have this one")

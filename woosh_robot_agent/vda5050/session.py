@@ -57,6 +57,7 @@ class OtherConnectorDetector:
         self._connections = 0
         """Number of connections to the broker so far."""
         self._timer: asyncio.TimerHandle | None = None
+        """Clears the error after `gone_after`; None while no such time runs."""
         self.error: VehicleError | None = None
 
     def connected(self) -> None:
@@ -66,7 +67,12 @@ class OtherConnectorDetector:
             self._restart_timer()
 
     def received(self, payload: bytes, retained: bool) -> None:
-        """Handle a message on the topic `connection`, which may be one that the broker retained."""
+        """Handle a message on the topic `connection`.
+
+        ONLINE that this connector did not send shows another one; any other state, that it is gone.
+        A retained message may be old: it shows another connector only after a reconnect, and only
+        until `gone_after` has passed without a further sign.
+        """
         state = _connection_state(payload)
         if state is None or self._is_own(payload):
             return
@@ -236,7 +242,7 @@ class Session:
         self._task.add_done_callback(self._ended)
 
     def save(self, record: Record) -> None:
-        """Save the state that must survive a restart; see `Store.save` for when."""
+        """Save the state that must survive a restart: at once, or progress within some seconds."""
         if self.is_open:  # before, the record of the last run is not known
             self._store.save(record)
 
@@ -279,6 +285,7 @@ class Session:
         await mqtt.run()
 
     def _ended(self, task: asyncio.Task[None]) -> None:
+        """Log an error of the program that has ended the session."""
         if not task.cancelled() and (error := task.exception()) is not None:
             _LOG.error(
                 "an error of the program has taken the vehicle offline; restart the connector",
@@ -286,7 +293,10 @@ class Session:
             )
 
     async def _open(self) -> tuple[Record, VehicleError | None]:
-        """Open the state file, as `Store.open` does; try again until it can be used."""
+        """Open the state file, and return its content, and an error if it was damaged.
+
+        Try again until the file can be used.
+        """
         while True:
             try:
                 return self._store.open()

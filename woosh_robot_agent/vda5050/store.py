@@ -48,12 +48,15 @@ class Record:
             stop); 0 without such a task.
         action_task_id: id of the robot's task that an action waits for; 0 without one.
         calls: full names of the commands of the robot's own actions that it executes.
+        order: state of the order.
+        instant_actions: states of the instant actions.
         known_ids: ids of the last instant actions.
         last_motion: id of the last instant action that moves something; empty if there was none
-            since the start of the program. It is only stored so that such an action is saved at
-            once, together with `known_ids`.
+            since the start of the program. It is not used after a restart. A change of it makes
+            `Store.save` write at once, so that `known_ids` contains the action before it begins.
         speed_is_limited: True if the robot may have a speed limit of the connector.
         header_ids: next header id of each topic.
+        format: number of the format of the file.
     """
 
     robot_id: int = 0
@@ -168,13 +171,18 @@ class Store:
             self._lock = None
 
     def _save_next(self) -> None:
+        """Save the record that waits, now; the header ids stay as saved."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
         self._save(replace(self._next, header_ids=self._record.header_ids))
 
     def _can_wait(self, record: Record) -> bool:
-        """Return True if a record differs from the saved one only in progress; see `save`."""
+        """Return True if a record differs from the saved one only in progress.
+
+        Progress is which nodes and edges are left, and the states and ids of instant actions. If
+        the last of it is lost, nothing that moves is repeated.
+        """
         saved = self._record
         order_with_saved_progress = replace(
             record.order,
@@ -219,7 +227,11 @@ class Store:
         self.error = warning(ErrorType.STATE_FILE, reason, "make space, or correct the permissions")
 
     def _load(self, path: Path) -> tuple[Record, VehicleError | None]:
-        """Read the file, and rename a damaged one; return the same as `open`."""
+        """Read the file, and rename a damaged one.
+
+        Returns:
+            The record, which is empty without a usable file, and an error if the file was damaged.
+        """
         try:
             self._record = self._read(path)
         except FileNotFoundError:
@@ -229,6 +241,13 @@ class Store:
         return self._record, None
 
     def _read(self, path: Path) -> Record:
+        """Return the record in the file.
+
+        Raises:
+            FileNotFoundError: there is no file.
+            OSError: the file cannot be read.
+            ValueError, RecursionError: the file is damaged, or has another format.
+        """
         with path.open("rb") as file:
             data = file.read(_MAX_SIZE + 1)
         if len(data) > _MAX_SIZE:

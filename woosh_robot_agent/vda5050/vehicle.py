@@ -62,7 +62,8 @@ class Vehicle:
         self._session: Session | None = None
         """Connection to the broker; None until the first report of the robot."""
         self._progress: object = None
-        """State at the last pose, as far as the order or actions may wait for it; see `_moved`."""
+        """Values for which the order or actions may wait, at the last pose. `_moved` compares them
+        with the new ones, and calls `_update` only after a change."""
         self._is_updating = False
         """True during `_update` and `_restore`: `_changed`, `_update` and `_save` do nothing."""
         self._is_update_due = False
@@ -89,7 +90,7 @@ class Vehicle:
         await self._link.chassis.close()  # at the end: no state must say that the link is lost
 
     def _identified(self, info: RobotInfo) -> None:
-        """Connect to the broker after the first report of the robot, which has its identity."""
+        """Connect to the broker after the first report, which tells the identity of the robot."""
         if self._session is not None or self._link.is_closing:
             return
         config = self._config
@@ -215,7 +216,7 @@ class Vehicle:
     def _update(self) -> None:
         """Execute the commands that follow from the events so far, and publish the state soon.
 
-        Called after each event; for a pose only if something else has changed by it.
+        Called after each event, but after a new pose only if `_moved` finds it necessary.
         """
         self._is_update_due = False
         session, execution = self._session, self._execution
@@ -239,12 +240,14 @@ class Vehicle:
     # To the master control
 
     def _factsheet(self) -> Factsheet | None:
+        """Return the factsheet; None before the first report of the robot."""
         info = self._reported.info
         if info is None:
             return None
         return factsheet(info, self._config.limits, tuple(self._execution.types.values()))
 
     def _state(self) -> VehicleState | None:
+        """Return the complete state; None before the first report of the robot."""
         robot, execution = self._execution.robot_status, self._execution
         if robot is None:
             return None

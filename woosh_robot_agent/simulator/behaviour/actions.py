@@ -115,7 +115,7 @@ class Actions:
         """Resume a paused action; raise RefusedError if there is no such action."""
         run = self._find(name)
         run.paused = False
-        run.job.suspend(self._robot)  # again: what it knew at the pause may be outdated by now
+        run.job.suspend(self._robot)  # again: a path planned during the pause may be outdated
         self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
 
     def cancel_on(self, device: Device, reason: str) -> None:
@@ -150,12 +150,14 @@ class Actions:
             run.impeded = progress.impeded
 
     def _find(self, name: str) -> _Run:
+        """Return the current action called `name`; raise RefusedError if there is none."""
         run = self._runs.get(name)
         if run is None:
             raise RefusedError(f"{short_name(name)} is not running: execute it first")
         return run
 
     def _pause(self, run: _Run, reason: str) -> None:
+        """Pause an action and report it, unless it is paused already."""
         if not run.paused:
             run.paused = True
             run.impeded = False
@@ -168,6 +170,7 @@ class Actions:
         self._report(run, state, msg, code)
 
     def _report(self, run: _Run, state: ros_pack_pb2.State, msg: str, code: int = 0) -> None:
+        """Emit a feedback about an action, and keep it as the last one."""
         run.reported_at = self._robot.elapsed
         feedback = ros_pack_pb2.Feedback(action=run.name, state=state, code=code, msg=msg)
         self.last[run.name] = feedback

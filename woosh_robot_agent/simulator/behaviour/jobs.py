@@ -302,7 +302,7 @@ class MoveLift(Job):
         self._speed = speed or lift.default_speed
 
     def tick(self, robot: Robot, dt: float) -> Progress:
-        if not robot.readiness.motors_on:
+        if not robot.readiness.motors_on:  # the lift stands
             return Progress(text=f"at {self._lift.height:.3f} m")
         distance = self._heights[0] - self._lift.height
         if abs(distance) <= self._speed * dt:

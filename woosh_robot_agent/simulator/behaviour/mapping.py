@@ -212,6 +212,7 @@ class MapBuilder:
             _LOG.warning("map %s is full: its outer parts are not recorded", self._map_name)
 
     def _require_startable(self, scene_name: str, map_name: str) -> None:
+        """Raise RefusedError if no mapping can start now, or a name cannot be used."""
         self._require_modes(refusals.MAPPING_OUTSIDE_DEPLOYMENT)
         self.require_settled()
         self.require_none(refusals.MAPPING_RUNS)
@@ -219,6 +220,10 @@ class MapBuilder:
         require_name("map_name", map_name)
 
     def _require_running(self) -> None:
+        """Raise RefusedError unless a mapping is running.
+
+        One that is being started, saved or cancelled does not count.
+        """
         if self._phase is Phase.NONE:
             raise RefusedError(
                 "no map is being made: send BuildMap with type 1 (add) or 2 (update) first"
@@ -226,6 +231,7 @@ class MapBuilder:
         self.require_settled()
 
     def _require_modes(self, refusal: Refusal) -> None:
+        """Raise `refusal` unless the robot is in deployment mode and automatic control."""
         readiness = self._robot.readiness
         automatic = readiness.control == util_robot_pb2.kAuto
         if not automatic or readiness.work != util_robot_pb2.kDeployMode:
@@ -272,7 +278,7 @@ class MapBuilder:
         self._pictures.add(self._profile.picture_period, self._request_picture)
 
     def _request_picture(self) -> None:
-        """Let a picture of the map be pushed, and schedule the next one."""
+        """Make a picture of the map due, which is then pushed, and schedule the next one."""
         self.picture_time = self._robot.elapsed
         self._pictures.add(self._profile.picture_period, self._request_picture)
 

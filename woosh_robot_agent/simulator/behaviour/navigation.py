@@ -354,7 +354,10 @@ class Navigate(Job):
         return Progress(text=text, impeded=True)
 
     def _plan_detour(self, robot: Robot) -> bool:
-        """Plan a path round the current obstacles. Return False if there is no path."""
+        """Plan a path round the current obstacles. Return False if there is no path.
+
+        A strict path has no detour, and obstacles for which none was found are not tried again.
+        """
         obstacles = robot.obstacles.walls
         if self._strict or obstacles == self._tried_obstacles:
             return False
@@ -384,6 +387,7 @@ class Navigate(Job):
                 return True
             self._turning = False
             robot.codes.report(DRIVING_STRAIGHT, self.kind)
+        # How far the base can drive: to the end of the stretch, or until the corner is beside it.
         ahead = stretch.length if second else distance * math.cos(bearing)
         if ahead <= _POSITION_TOLERANCE:  # the corner is beside the base or behind it
             self._turning = True
@@ -403,6 +407,7 @@ class Navigate(Job):
     def _stretch_ahead(self, here: Pose) -> _Stretch:
         """Return the part of the path from `here` to where the base has to stop or turn."""
         corners = self._corners_of_stretch()
+        # the aim is `_LOOKAHEAD` ahead, or the end of a shorter stretch
         length, aim, before = 0.0, corners[-1], here.point
         for corner in corners:
             step = math.dist(before, corner)

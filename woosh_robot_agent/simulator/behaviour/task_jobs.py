@@ -55,8 +55,9 @@ def task_jobs(
 ) -> list[Job]:
     """Return the jobs of a task.
 
-    If the profile says so, a robot that stands at a charger leaves it first. Without a target mark
-    there is no dock. A task with a dock then neither enters nor leaves it, and makes no steps.
+    If the profile says so, a robot that stands at a charger leaves it first. A target that is not a
+    mark has no dock. Actions that enter a dock are then left out, and with them the actions that
+    leave it, and the steps in it.
 
     Args:
         robot: the robot, at the place where the task starts.
@@ -99,6 +100,7 @@ def task_jobs(
 
 
 def _step(robot: Robot, action: Action) -> Job:
+    """Return the job of a step or turn that a task consists of, within the limits of the base."""
     speed, value = action.stepctrl_speed or STEP_SPEED, action.stepctrl_value
     if action.stepctrl_type:  # a turn
         step: Shift | Turn = Turn(value, min(speed, robot.base.max_turn_rate))

@@ -240,7 +240,10 @@ class Tasks:
             self.cancel(reason)
 
     def forget_failed(self) -> None:
-        """Forget the jobs of an ended task and the rest of its set; a task in progress goes on."""
+        """Forget the jobs of an ended task and the rest of its set, so that it cannot be retried.
+
+        A task in progress goes on.
+        """
         if not self.active:
             self._jobs.clear()
             self._rest_of_set.clear()
@@ -266,9 +269,9 @@ class Tasks:
         """Start the next task of the set, if there is one.
 
         Args:
-            at_once: True if no request waits for its answer. False to begin with the answer to the
-                current request; only the new state of the robot may be shown before it, see
-                `Robot.state_first`.
+            at_once: True to begin now, because no request waits for its answer. False to begin when
+                the current request is answered; only the new state of the robot may be shown before
+                the answer, see `Robot.state_first`.
         """
         if not self._rest_of_set:
             return
@@ -317,9 +320,9 @@ class Tasks:
         self._scheduled.add(delay, announce)
 
     def _show_state(self, delay: float) -> None:
-        """Let the task give the robot its state after `delay` seconds, or at once if that is 0.
+        """Set `state` to the one that the task gives the robot, in `delay` seconds, or now if 0.
 
-        A task that has ended by then no longer gives a state.
+        If the task has ended by then, `state` stays.
         """
         task = self.proc.robot_task_id
 

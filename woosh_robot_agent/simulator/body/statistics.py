@@ -31,12 +31,12 @@ Record = TypeVar("Record", count_pb2.Task, count_pb2.Status)
 
 
 class Statistics:
-    """Records of what the robot does. A record is pushed when it is opened, changed and closed.
+    """Records of what the robot does.
 
-    Only the record of the first day is not pushed when it is opened.
     There is a record for each day on which the robot is switched on, for each task, and for each
-    problem that a status code has reported. Durations do not depend on the robot's clock, which may
-    jump.
+    problem that a status code has reported. A record is pushed when it is opened, changed and
+    closed, except that the record of the first day is not pushed when it is opened. Durations do
+    not depend on the robot's clock, which may jump.
 
     Args:
         timeline: the clock of the robot.
@@ -68,6 +68,8 @@ class Statistics:
 
     def tick(self, odometer: float) -> None:
         """Push the record of the day if it is due, and open a new record at midnight (UTC).
+
+        It is due after each metre driven, after `period`, and at the end of the day.
 
         Args:
             odometer: total distance driven, in metres.
@@ -248,7 +250,10 @@ class Codes:
     def _publish_new(
         self, code: Code, kind: util_action_pb2.Type, detail: str
     ) -> count_pb2.StatusCode:
-        """Log a status code, send it to the clients and return it; `detail` is as in `report`."""
+        """Log a status code, send it to the clients and return it.
+
+        `detail` is further text in English, which is left out in other languages.
+        """
         text = code.text(self._language)
         if detail and self._language == "en":
             text += f": {detail}"

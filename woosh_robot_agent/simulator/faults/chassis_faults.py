@@ -213,7 +213,10 @@ def _repeat(server: Server, injection: Injection, push: Callable[[], None]) -> E
 
 
 async def _push_repeatedly(server: Server, injection: Injection, push: Callable[[], None]) -> None:
-    """Call `push` as for `_repeat`. The last call ends the fault, because it reaches `count`."""
+    """Call `push` `count` times, at the `rate`, or as fast as clients read if that is 0.
+
+    The last call ends the fault, because it reaches `count`.
+    """
     loop = asyncio.get_running_loop()
     start = loop.time()
     rate, count = injection["rate"], injection["count"]

@@ -224,8 +224,14 @@ def fault(
 ) -> Callable[[Begin], Begin]:
     """Return a decorator that adds a fault to `FAULTS`; the decorated function begins the fault.
 
-    The fault has the name of the function without the underscore at its start. The arguments are
-    those of `Fault`.
+    The fault has the name of the function without the underscore at its start.
+
+    Args:
+        description: effect of the fault, for the documentation.
+        own_arguments: arguments, without `for`, which all lasting faults have.
+        lasting: False for a fault that is over at once or when it has done all that it does.
+        shared: True if simultaneous injections act as one fault, which ends with the last of them.
+        check: raises FaultError for an invalid combination of arguments.
     """
 
     def add(begin: Begin) -> Begin:

@@ -87,7 +87,11 @@ _FRAMES = Argument(
 def _on_frames(
     alter: Callable[[Injection, Outgoing], Iterable[Outgoing]],
 ) -> Callable[[Server, Injection], End]:
-    """Turn a function that returns the frames to send instead of one into a `Begin` function."""
+    """Return a `Begin` function for a fault that changes outgoing frames.
+
+    Args:
+        alter: returns the frames to send instead of a frame that the fault affects.
+    """
 
     def begin(server: Server, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
@@ -168,6 +172,7 @@ class _Shuffle:
             self._flush_client(client)
 
     def _flush_client(self, client: object) -> None:
+        """Send the collected frames to a client, in another order."""
         timer = self._timers.pop(client, None)
         if timer:
             timer.cancel()
@@ -260,7 +265,11 @@ _SELECTION = (_TYPE, _COUNT, _FRAMES)
 
 
 def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Begin:
-    """Turn a function that damages an encoded frame into a `Begin` function."""
+    """Return a `Begin` function for a fault that damages encoded frames.
+
+    Args:
+        damage: returns the damaged form of an encoded frame.
+    """
 
     def alter(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
         damage_before = frame.damage  # that of another fault

@@ -125,6 +125,7 @@ _LONGEST_WAIT = 2**32 - 1
 
 
 def _set_navigation_mode(chassis: Chassis, action: action_pb2.NavigationMode) -> None:
+    """Set the mode of the running or paused navigation; raise RefusedError if there is none."""
     modes = {
         action_pb2.NavigationMode.kVagueAvoid: (navigation_pb2.kVague, navigation_pb2.kAvoid),
         action_pb2.NavigationMode.kAccurateAvoid: (navigation_pb2.kAccurate, navigation_pb2.kAvoid),
@@ -152,6 +153,7 @@ def _set_navigation_mode(chassis: Chassis, action: action_pb2.NavigationMode) ->
 
 
 def _step_control(chassis: Chassis, action: action_pb2.StepControl) -> Job:
+    """Return the job of a StepControl; raise RefusedError if a step is impossible."""
     if not action.steps:
         raise RefusedError(refusals.NO_STEPS)
     if len(action.steps) > _MAX_STEPS:
@@ -164,6 +166,7 @@ def _step_control(chassis: Chassis, action: action_pb2.StepControl) -> Job:
 
 
 def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
+    """Return one step, within the limits of the base; raise RefusedError if it is impossible."""
     speed = usable_speed(step.speed)
     if step.mode == _StepMode.kRotate:
         return Turn(step.value, min(speed or STEP_SPEED, chassis.base.max_turn_rate))
@@ -197,6 +200,7 @@ def _lift_control2(chassis: Chassis, action: action_pb2.LiftControl2) -> Job:
 
 
 def _lift_control3(chassis: Chassis, action: action_pb2.LiftControl3) -> Job:
+    """Return the job of a LiftControl3; that of a query moves nothing, and reports the height."""
     column, mode = chassis.column, action.execute_mode
     speed = usable_speed(action.speed, _MIN_LIFT_SPEED)
     if mode == _Lift3.kQuery:
@@ -216,6 +220,7 @@ def _lift_control3(chassis: Chassis, action: action_pb2.LiftControl3) -> Job:
 
 
 def _charge_control(chassis: Chassis, action: action_pb2.ChargeControl) -> Job:
+    """Return the job that charges at the charger where the robot stands, or leaves it."""
     if action.execute_mode == action_pb2.ChargeControl.kAuto:
         if chassis.charger is None:
             raise RefusedError("robot is not at a charger: start a charge task instead")
@@ -226,10 +231,12 @@ def _charge_control(chassis: Chassis, action: action_pb2.ChargeControl) -> Job:
 
 
 def _move_base(chassis: Chassis, action: action_pb2.MoveBase) -> Job:
+    """Return the job that drives through the poses to the target, by default the last pose."""
     way = poses(action.poses)
     target = pose(action.target_pose)
-    # Some clients send an empty target together with the poses.
-    if action.HasField("target_pose") and (target != Pose() or not way):
+    # Some clients send an empty target together with the poses: it does not count.
+    is_unused = target == Pose() and bool(way)
+    if action.HasField("target_pose") and not is_unused:
         if way and way[-1] == target:
             way.pop()
     elif way:

@@ -42,6 +42,8 @@ def command(request: type[Message]) -> Callable[[H], H]:
 
 
 def _registering(handlers: dict[str, Handler], request: type[Message]) -> Callable[[H], H]:
+    """Return a decorator that adds a handler of `request` to `handlers`."""
+
     def add(handler: H) -> H:
         handlers[request.DESCRIPTOR.full_name] = handler
         return handler

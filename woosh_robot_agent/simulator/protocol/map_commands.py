@@ -127,6 +127,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> None:
 
 
 def _with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
+    """Return a scene in which a map has another name; raise RefusedError for a bad name."""
     require_name("new_map_name", name)
     if name == area.name:
         return scene
@@ -192,6 +193,7 @@ def _scene_md5(chassis: Chassis, request: map_pack_pb2.SceneMd5) -> Message:
 
 
 def _scene_md5s(scene: Scene) -> map_pack_pb2.SceneFileMD5:
+    """Return the MD5 sums of all files of a scene."""
     files = files_of(scene)
     return map_pack_pb2.SceneFileMD5(
         scene_name=scene.name,
@@ -297,6 +299,7 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Message:
 
 
 def _check_deployment(chassis: Chassis, request: pack.Deployment) -> None:
+    """Raise RefusedError if a Deployment is for another robot, or its type or mode is invalid."""
     kind, mode = request.type, request.mode
     if request.robot_id not in (0, chassis.robot_id):
         raise RefusedError(

@@ -267,7 +267,7 @@ def scanner_data(chassis: Chassis) -> robot_pb2.ScannerData:
 def build_map_data(chassis: Chassis) -> robot_pack_pb2.BuildMapData:
     """Return the map that is being made; empty while no scans are added to a map.
 
-    The picture has the grey values of `scene_data`. The marks are a serialised MarkInfo.
+    In the picture, 0 is occupied, 254 free and 205 unknown. The marks are a serialised MarkInfo.
     """
     mapping = chassis.mapping
     raster = mapping.raster
@@ -338,7 +338,7 @@ def _map_data(
     def file(name: str) -> bytes:
         return files.get(f"{area.name}/{name}", b"")
 
-    # Both have the position and the resolution of the picture.
+    # A grid and a drawn picture both have `low` and `resolution`.
     picture = area.grid or draw(area)
     x, y = picture.low
     return map_pack_pb2.SceneData.Map(

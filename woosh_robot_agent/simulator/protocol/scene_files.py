@@ -127,10 +127,10 @@ def _read_upload(
 
 
 def _successor(area: Map, before: Map, *, whole: bool) -> Map:
-    """Return an uploaded map with its new version, and with what the robot knows of the old map.
+    """Return an uploaded map with its new version, and with what is known from the old map.
 
-    That is where the real walls are, and the pose at the end, if that is not in the upload and the
-    upload is not a whole folder.
+    This is the ground truth, i.e. the real walls, if the upload changes the ground; and `end`, the
+    last pose of the robot on the map, unless the upload has one, or is a whole folder.
 
     Args:
         area: the map as its files describe it.
@@ -150,7 +150,7 @@ def _successor(area: Map, before: Map, *, whole: bool) -> Map:
 
 
 def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
-    """Return the name of the scene's first map that is an uploaded one of map_server.
+    """Return the name of the scene's first map that an uploaded file of map_server describes.
 
     It is empty if there is none, or if `scene.yaml` lists the maps.
     """

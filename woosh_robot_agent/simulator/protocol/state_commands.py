@@ -303,6 +303,7 @@ def _count_data(chassis: Chassis, request: pack.CountData) -> Message:
 
 
 def _check_count_request(request: pack.CountData) -> None:
+    """Raise RefusedError if a CountData has an unknown type, or an invalid page or time span."""
     if request.req_type not in (_Count.kGet, _Count.kSync):
         raise RefusedError(f"unknown request type {request.req_type}: 0 is get, 1 synchronise")
     if request.count_type not in _Count.CountType.values():

@@ -333,7 +333,7 @@ def _checked_times(times: int) -> int:
 def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
     """Start a task set, to be run `times` times.
 
-    Less than 1 counts as 1, more than `_MAX_REPEATS` as `_MAX_REPEATS`.
+    Files may have any number: less than 1 counts as 1, more than `_MAX_REPEATS` as `_MAX_REPEATS`.
     """
     set_id = task_set.base.id
     if not task_set.tasks:  # only the sets in uploaded files may have none
@@ -344,6 +344,7 @@ def _start(chassis: Chassis, task_set: WooshTaskSet, times: int) -> None:
 
 
 def _task_order(chassis: Chassis, set_id: int, base: task_pb2.TaskBase) -> TaskOrder:
+    """Return the order for a task of a set; raise RefusedError if the task is impossible."""
     mark = named_mark(chassis, base.mark_no)
     _require_suitable(mark, base.type)
     actions = task_actions(chassis, base.type, base.type_no)

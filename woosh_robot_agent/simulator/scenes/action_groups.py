@@ -71,7 +71,11 @@ class _Group:
 
 @dataclass(frozen=True)
 class _File:
-    """The content of the file."""
+    """The content of the file.
+
+    Attributes:
+        task_type: the actions of all tasks; the attribute is named like the key of the file.
+    """
 
     task_type: tuple[_Group, ...]
 

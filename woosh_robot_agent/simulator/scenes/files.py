@@ -27,7 +27,7 @@ _MAX_FILE_BYTES = 64 * 1024 * 1024
 
 
 def load_scene(path: Path) -> Scene:
-    """Read the scene in a folder or of one YAML file: a `scene.yaml` or a map of map_server.
+    """Read a scene from a folder, or from a YAML file: `scene.yaml`, or a map of map_server.
 
     Raises:
         DataFileError: a file cannot be used.
@@ -95,6 +95,11 @@ def read_handwritten_scene(name: str, names: Collection[str], read: FileReader) 
 
 
 def _read_file(file: Path) -> bytes:
+    """Return the content of a file.
+
+    Raises:
+        DataFileError: the file cannot be read, or is too large.
+    """
     try:
         if file.stat().st_size > _MAX_FILE_BYTES:
             raise DataFileError(f"{file}: the file has more than {_MAX_FILE_BYTES} bytes")
@@ -115,8 +120,8 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
     """Return the scenes that a robot knows, by name, and the one in which it starts.
 
     Args:
-        given: folders or files of further scenes, as for `load_scene`. They replace shipped scenes
-            of the same name. The robot starts in the first of these scenes, if there are any.
+        given: folders or YAML files of further scenes. They replace shipped scenes of the same
+            name. The robot starts in the first of these scenes, if there are any.
 
     Raises:
         DataFileError: a file cannot be used, or two of the given scenes have the same name.
@@ -153,14 +158,16 @@ _load_shipped = lru_cache(load_scene)
 
 
 def _load(path: Path) -> Scene:
-    """Return a new scene. All robots share the shipped maps: planners are computed once per map.
+    """Return a scene that a robot can change without effect on the scenes of other robots.
+
+    All robots share the shipped maps, so that the planner of each map is computed only once.
 
     Raises:
         DataFileError: the scene cannot be used; the text has the path of the scene or file.
     """
     try:
         scene = _load_shipped(path) if path in _SHIPPED else load_scene(path)
-    except DataFileError as error:  # it names a file in the folder, as other scenes may have
+    except DataFileError as error:  # it may only name the file, e.g. a scene.yaml of many
         text = str(error)
         raise DataFileError(text if text.startswith(str(path)) else f"{path}: {text}") from None
     return dataclasses.replace(scene, maps=list(scene.maps), files=dict(scene.files))

@@ -38,7 +38,7 @@ class _Origin(NamedTuple):
 
 @dataclass(frozen=True)
 class _Description:
-    """The YAML file of a map."""
+    """The YAML file of a map, with the keys of nav2's map_server."""
 
     image: str
     resolution: Annotated[float, Between(0.001, 10)]
@@ -66,8 +66,8 @@ def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> Grid:
     Args:
         name: path of the YAML file, for errors.
         content: content of the YAML file. Unknown keys are ignored, as by map_server.
-        read: returns the content of the picture, whose path begins at the YAML file, or raises
-            `DataFileError`.
+        read: returns the content of the picture, whose path is relative to the YAML file's folder,
+            or raises `DataFileError`.
 
     Raises:
         DataFileError: the YAML file or the picture is invalid.
@@ -147,7 +147,13 @@ def read_pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
 
 
 def _cells(brightness: Floats, opacity: Floats | None, description: _Description) -> Cells:
-    """Convert pixels to cells as map_server does; the arguments are as from `read_pixels`."""
+    """Convert pixels to cells as map_server does.
+
+    Args:
+        brightness: value of each pixel, from 0 (black) to 1 (white).
+        opacity: value of each pixel, from 0 to 1; None for a picture without transparency.
+        description: mode and thresholds of the conversion.
+    """
     mode, negate = description.mode, description.negate
     occupied, free = description.occupied_thresh, description.free_thresh
     if mode == "raw":

@@ -56,6 +56,8 @@ class _Pose(NamedTuple):
 
 
 class _Corners(NamedTuple):
+    """Two opposite corners of an area."""
+
     x1: float
     y1: float
     x2: float
@@ -254,6 +256,11 @@ def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
 
 
 def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
+    """Return the scene called `name` from the content of `scene.yaml`.
+
+    Raises:
+        DataFileError: a map or a file that it names cannot be used, or entries do not fit together.
+    """
     maps: list[Map] = []
     # Ids start from 1, because robots report the map id 0 with a pose that belongs to no map.
     given = [each.id for each in entry.maps]
@@ -328,6 +335,11 @@ def _grid(name: str, read: FileReader) -> Grid:
 
 
 def _walls(entry: MapEntry) -> Iterator[Wall]:
+    """Yield the walls of a map: one for each section of its polylines.
+
+    Raises:
+        DataFileError: a polyline does not have pairs of coordinates.
+    """
     for number, line in enumerate(entry.walls):
         if len(line) < 4 or len(line) % 2:
             text = "must be [x1, y1, x2, y2], or more corners in pairs of x and y"
@@ -337,6 +349,11 @@ def _walls(entry: MapEntry) -> Iterator[Wall]:
 
 
 def _marks(entry: MapEntry) -> dict[str, Mark]:
+    """Return the marks of a map, by number.
+
+    Raises:
+        DataFileError: two marks have the same number or id.
+    """
     marks = [
         Mark(
             id=index if each.id is None else each.id,
@@ -354,6 +371,11 @@ def _marks(entry: MapEntry) -> dict[str, Mark]:
 
 
 def _call_task(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.CallTask:
+    """Return a task set for a call button.
+
+    Raises:
+        DataFileError: the button is missing, or a mark is unknown.
+    """
     if entry.button is None:
         raise DataFileError(f"{entry.source}: button is missing")
     caller = _CallInfo.Caller(mac_addr=entry.button.mac, key_id=entry.button.key)
@@ -364,6 +386,11 @@ def _call_task(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.Ca
 
 
 def _task_set(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.WooshTaskSet:
+    """Return a task set, whose tasks are numbered from 1; `marks` has the numbers of all marks.
+
+    Raises:
+        DataFileError: a mark is unknown.
+    """
     tasks = []
     for number, step in enumerate(entry.steps, start=1):
         if step.mark not in marks:

@@ -249,6 +249,11 @@ class Ports:
             await asyncio.wait({self._last_change})
 
     async def _open(self) -> None:
+        """Listen on both ports, or on none.
+
+        Raises:
+            OSError: a port is in use.
+        """
         config, connections = self._config, self._connections
         try:
             websocket = await serve_websocket(
@@ -273,6 +278,7 @@ class Ports:
         self._free_reserved()  # not before: another program could have taken the ports
 
     async def _close(self, reserve: bool) -> None:
+        """Stop listening, and reserve the ports or free them."""
         listeners, self._listeners = self._listeners, []
         await asyncio.gather(*(listener.close() for listener in listeners))
         if listeners or not reserve:  # otherwise the ports are reserved already

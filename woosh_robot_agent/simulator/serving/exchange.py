@@ -167,11 +167,13 @@ class Client(ConnectedClient):
         return super()._waiting_frames() + self._held + len(self._delayed)
 
     def _release(self, frame: Outgoing, data: Encoded) -> None:
+        """Send a frame that was held back."""
         self._held -= 1
         self.waiting -= frame.is_answer
         self._send_after(frame, data)
 
     def _send_after(self, frame: Outgoing, data: Encoded) -> None:
+        """Send a frame after its delay; at once if it has none."""
         if not frame.delay:
             self.send(data)
         elif self._ensure_room():
@@ -407,6 +409,7 @@ class MessageHandler:
         self._chassis.after(delay, send_late)
 
     def _send_answer(self, request: Request, answer: Answer) -> None:
+        """Send an answer, and report its status code if it has one."""
         out = Outgoing(
             answer.type, answer.body, request.sn, answer.ok, answer.msg, request=request.type
         )
@@ -415,6 +418,7 @@ class MessageHandler:
             self._chassis.codes.report(answer.code)
 
     def _answer(self, request: Request) -> Answer:
+        """Execute or refuse a request, and return the answer."""
         name = request.type
         if request.message is None or request.refusal_reason:
             return refusal_answer(name, request.refusal_reason)
@@ -442,6 +446,7 @@ class MessageHandler:
         request.client.send(self._encoded(request.codec, frame))
 
     def _subscribe(self, client: Client, codec: Codec, subscription: Subscription) -> None:
+        """Add or remove subscriptions; pushes have the encoding of the subscription."""
         # A new subscriber must not get changes from before its subscription.
         self.report_changes(while_moving=False)
         for topic in subscription.topics:
@@ -471,11 +476,13 @@ class MessageHandler:
             self.push(message)
 
     def _send(self, client: Client, codec: Codec, frame: Outgoing) -> None:
+        """Send a frame, after the hooks of faults and tests have replaced or damaged it."""
         for out in self.hooks.outgoing(frame):
             data = self._encoded(codec, out)
             client.send_outgoing(out, out.damage(codec, data) if out.damage else data)
 
     def _encoded(self, codec: Codec, out: Outgoing) -> str | bytes:
+        """Return an encoded frame with the time of the robot's clock."""
         timestamp = round(self._chassis.time * 1000)
         return codec.encode(
             out.type, out.body, sn=out.sn, ok=out.ok, msg=out.msg, timestamp=timestamp

@@ -15,9 +15,9 @@ from woosh_robot_agent.simulator.serving.exchange import Hooks, MessageHandler
 _LOG = logging.getLogger(__name__)
 
 _MIN_STEP = 0.005
-"""Minimum real duration of a step for the simulated time to advance within steps, in seconds.
+"""Real duration of a step from which on the simulated time also advances within a step, in seconds.
 
-At a higher speed, the simulated time advances only by whole steps.
+Within shorter steps, i.e. at a higher speed, nothing happens: the time advances by whole steps.
 """
 
 _ROUND_DURATION = 0.02

@@ -33,8 +33,8 @@ class Obstacles:
 
         Args:
             name: name by which the obstacle can be moved and removed.
-            x: position of the centre in the map's frame, in metres.
-            y: the same.
+            x: x of the centre in the map's frame, in metres.
+            y: y of the centre in the map's frame, in metres.
             radius: radius of the circle around the obstacle, in metres.
 
         Raises:
@@ -87,6 +87,7 @@ class Obstacles:
 
 
 def _polygon(x: float, y: float, radius: float) -> tuple[Wall, ...]:
+    """Return the sides of a regular polygon whose corners are on a circle (m)."""
     angles = [math.tau * corner / _CORNERS for corner in range(_CORNERS)]
     corners = [(x + radius * math.cos(angle), y + radius * math.sin(angle)) for angle in angles]
     return tuple(

@@ -186,7 +186,7 @@ class Hull:
 
 
 def _sides(outline: Outline) -> Iterable[tuple[float, float, float]]:
-    """Yield the sides as in `Hull.sides`."""
+    """Yield the sides of an outline: unit normal (x, y) that points outwards, and distance (m)."""
     for (x1, y1), (x2, y2) in pairwise((*outline, outline[0])):
         length = math.hypot(x2 - x1, y2 - y1)
         if not length:  # the outline is closed by its first corner, or repeats a corner

@@ -35,7 +35,7 @@ class SearchBudgetError(Exception):
 
 
 class SearchBudget:
-    """Limit of the search of one path, all its legs together: it blocks the simulator meanwhile.
+    """Limit of the search of one path, all its legs together. A search blocks the simulator.
 
     Attributes:
         left: number of places that may still be visited.

@@ -67,7 +67,7 @@ async def stop_pause(run: Run) -> None:
     if execution.pause_wanted:
         execution.set_pause_wanted(False)
     elif execution.paused:  # by people at the robot, or the robot has refused to resume
-        if not execution.order.held:
+        if not execution.order.held:  # a held drive is resumed at the end of the hold
             execution.drive.want(Control.RESUME)
         execution.calls.want(Control.RESUME)
         execution.tasks.want(Control.RESUME)
@@ -76,7 +76,7 @@ async def stop_pause(run: Run) -> None:
         return not execution.paused or execution.pause_wanted
 
     while not is_done():
-        # without a link it goes on, because the robot will resume when the link is back
+        # without a link, this action waits without a limit: the robot resumes when the link is back
         await run.link.conditions.wait(lambda: run.link.ready or is_done())
         await run.wait(
             lambda: not run.link.ready or is_done(), limit, _NOT_RESUMED(seconds=f"{limit:g}")
@@ -195,6 +195,11 @@ def _as_dict(message: Message) -> dict[str, Any]:
 
 
 def _store(path: Path, text: str) -> None:
+    """Write a report to a file, and delete the oldest reports beside it if there are too many.
+
+    Raises:
+        OSError: the report cannot be written.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, "utf-8")
     for old in sorted(path.parent.glob(f"{_FILE_PREFIX}*.json"))[:-_MAX_REPORTS]:

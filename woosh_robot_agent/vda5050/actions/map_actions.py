@@ -313,6 +313,13 @@ async def download_map(run: Run) -> None:
 
 
 async def _download(run: Run) -> None:
+    """Fetch a map and store it on the robot; delete it again if it is not the wanted one.
+
+    Raises:
+        ActionFailedError: the robot has the map already, the file cannot be used, or the robot
+            refused it.
+        LinkError: the robot could not be reached.
+    """
     maps, given = run.execution.maps, run.given
     name, version = given["mapId"], given["mapVersion"]
     await maps.read()

@@ -115,7 +115,8 @@ class Run:
     async def wait_for_tasks(self) -> None:
         """Wait until the robot has left its last task, and while the vehicle is paused.
 
-        The robot executes one task at a time. Begin the next one without waiting for anything else.
+        The robot executes one task at a time. When this returns, begin the next task without
+        waiting for anything else.
 
         Raises:
             ActionFailedError: the robot drives along an order.
@@ -206,7 +207,8 @@ def vehicle_action(
     """Return a decorator that makes a function an action.
 
     Args:
-        version: as in `VehicleAction`; the other arguments are those of `ActionType`.
+        version: major number of the only version of the standard that has the action, e.g. `3`;
+            empty if all versions have it. The other arguments are the attributes of `ActionType`.
     """
     kind = ActionType(
         name,

@@ -60,7 +60,10 @@ _CHARGE_TIMEOUT = 30.0
     pausable=True,
 )
 async def start_charging(run: Run) -> None:
-    """Dock at a charger and charge, by a task of the robot that continues after this action."""
+    """Dock at a charger and charge, by a task of the robot that continues after this action.
+
+    Do nothing if the robot charges already.
+    """
     robot, mark = run.execution.robot, run.given.get(_STATION, "")
     await run.wait_for_tasks()
     if not (mark or robot.is_charging):
@@ -102,7 +105,7 @@ async def _nearest_charger(run: Run) -> str:
     pausable=True,
 )
 async def stop_charging(run: Run) -> None:
-    """Cancel the charging task, and back out of the charger if the robot charges without it."""
+    """Cancel the charging task; if the robot goes on charging, let it back out of the charger."""
     robot = run.execution.robot
     info = robot.info
     if info is None:
@@ -244,7 +247,7 @@ async def lift_to(run: Run) -> str:
     pausable=True,
 )
 async def step(run: Run) -> str:
-    """Move the robot straight by a distance."""
+    """Move the robot by a distance: straight, or sideways with `lateral`; then left is positive."""
     kind = StepControl.Step
     mode = kind.kLateral if run.given.get("lateral", False) else kind.kStraight
     return await _step(run, mode, run.given["distance"])

@@ -119,7 +119,10 @@ class ActionRunner:
                 self._end(action, NOT_AUTOMATIC())
 
     def poll(self) -> None:
-        """Start the actions that may start now."""
+        """Start the actions that may start now.
+
+        If the robot is not in automatic mode, first end the actions that move something.
+        """
         execution = self._execution
         if not execution.robot.is_automatic:
             self._end_motion()
@@ -148,6 +151,8 @@ class ActionRunner:
             self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, _ENDED))
 
     async def _run(self, action: Action) -> None:
+        """Perform an action, and store its status until it has ended."""
+
         def report(status: ActionStatus) -> None:
             self._execution.action_changed(action.id, status)
 
@@ -179,6 +184,7 @@ class ActionRunner:
         self._ended(action, ActionStatus.FAILED, reason)
 
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
+        """Forget an action that has ended, and store its final status and result."""
         self._execution.active.pop(action.id, None)
         self._tasks.pop(action.id, None)
         self._end_reasons.pop(action.id, None)

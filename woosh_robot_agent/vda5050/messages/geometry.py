@@ -77,18 +77,22 @@ def curve_defect(trajectory: Trajectory) -> str:
 
 @functools.lru_cache(maxsize=256)
 def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
-    """Return points along a valid trajectory (see `curve_defect`), from its start to its end."""
+    """Return points along a valid trajectory (see `curve_defect`), from its start to its end.
+
+    They are at most about `_SPACING` apart, and farther on a straight line or a long curve.
+    """
     degree, knots = int(trajectory.degree), trajectory.knots
     spans = [
         span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]
     ]
     lengths = [_length(_points_of_span(trajectory, span, _SAMPLES)) for span in spans]
     spacing = max(_SPACING, sum(lengths) / _MAX_POINTS)
-    least = 1 if len(spans) * degree > _MAX_POINTS else degree
+    # a short span is divided, too, because it may bend; not if there are many spans
+    min_count = 1 if len(spans) * degree > _MAX_POINTS else degree
     points = [_point(trajectory, spans[0], knots[spans[0]])]
     for span, length in zip(spans, lengths, strict=True):
         # a straight line needs only its end
-        count = 1 if degree == 1 else max(least, math.ceil(length / spacing))
+        count = 1 if degree == 1 else max(min_count, math.ceil(length / spacing))
         points += _points_of_span(trajectory, span, count)[1:]
     return tuple(points if len(points) <= _MAX_POINTS else _simplified(points))
 
@@ -157,7 +161,10 @@ def _is_behind(point: Point, following: Point, here: Point) -> bool:
 
 
 def _simplified(path: Sequence[Point]) -> list[Point]:
-    """Simplify a path with the Ramer-Douglas-Peucker algorithm."""
+    """Leave out points of a path with the Ramer-Douglas-Peucker algorithm.
+
+    No point that is left out is farther than `_PRECISION` from the simplified path.
+    """
     kept = {0, len(path) - 1}
     sections = [(0, len(path) - 1)]
     while sections:

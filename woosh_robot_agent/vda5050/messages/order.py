@@ -88,8 +88,8 @@ class NodePosition:
         y: position in the map frame, in metres.
         theta: heading that the vehicle must have on the node, in radians; None for any.
         deviation_xy: distance from the position at which the node counts as traversed, in metres. A
-            value below the normal tolerance (see `reach`), e.g. 0, stands for this tolerance.
-        deviation_theta: permitted deviation from `theta`, in radians, in the same way.
+            value below 0.25 m, e.g. 0, counts as 0.25 m.
+        deviation_theta: permitted deviation from `theta`, in radians; at least 0.1 rad counts.
         ellipse: permitted deviation, if it is an ellipse; `deviation_xy` is then its smaller
             semi-axis. None for a circle.
     """

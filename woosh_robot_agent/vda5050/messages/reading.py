@@ -160,6 +160,7 @@ def _node(version: Version, node: Mapping[str, Any]) -> Node:
 
 
 def _position(position: Mapping[str, Any]) -> NodePosition:
+    """Return a received position of a node; only in version 3, the deviation may be an ellipse."""
     radius, ellipse = position.get("allowedDeviationXY", 0.0), None
     if isinstance(radius, dict):  # in version 3
         if radius["a"] != radius["b"]:
@@ -237,7 +238,7 @@ def _uniform_knots(degree: int, points: int) -> list[float]:
 
 
 def _parse(payload: bytes, version: Version, identity: Identity, topic: Topic) -> dict[str, Any]:
-    """Return a message of the master control.
+    """Parse and check a message of the master control, and return it.
 
     Raises:
         RejectedError: the message is malformed, or not for this vehicle.

@@ -41,7 +41,7 @@ Fields = dict[str, Any]
 _MAX_SPEED = 1.0
 """Maximum speed in the factsheet, in m/s; the robot does not report its own."""
 _MAX_ACCELERATION = 0.5
-"""Maximum acceleration and deceleration in the factsheet, in m/s², for the same reason."""
+"""Maximum acceleration and deceleration in the factsheet, in m/s²; the robot reports neither."""
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
 
@@ -285,6 +285,7 @@ def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
 
 
 def _error(version: Version, error: VehicleError) -> Fields:
+    """Return an error, with the names that the version gives its type, level and references."""
     kind = version.error_type(error.type)
     references = [
         (key, (version.name(value) or value) if key == "parameter" else value)
@@ -311,6 +312,7 @@ def _optional_parameter(name: str, description: str) -> Fields:
 
 
 def _action_type(version: Version, action: ActionType) -> Fields:
+    """Return an action of the factsheet."""
     message = {
         "actionType": action.name,
         "actionDescription": action.description,

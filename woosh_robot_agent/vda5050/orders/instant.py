@@ -36,8 +36,8 @@ _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
 _HOLD_PREFIX = "action "
-"""A hold is a reason for which the order must not drive. An instant action that forbids driving is
-one: its name is this prefix and the id of the action."""
+"""Beginning of the name of a hold (reason for which the order must not drive) that is there for an
+instant action; the id of the action follows."""
 
 _TOO_MANY = Sentence("more than {most} instant actions run")
 _RUNS = Sentence("the {action} with this id has not ended")
@@ -104,7 +104,7 @@ class InstantActions:
     def receive(self, actions: Sequence[Action]) -> None:
         """Begin instant actions; refuse those that are impossible or reuse an id wrongly."""
         for action in actions:
-            if action.type == STOP_PAUSE:  # it ends these pauses, too
+            if action.type == STOP_PAUSE:  # also ends the repeated pauses that wait for their start
                 self._pause_again.clear()
             if self._repeats_running_pause(action):
                 # not refused, because a stopPause may have arrived since the first one
@@ -136,7 +136,9 @@ class InstantActions:
     def restore(
         self, states: Sequence[ActionState], known_ids: Sequence[str], holds: Sequence[str]
     ) -> list[str]:
-        """Restore the states after a restart. Actions that ran fail, except `cancelOrder`.
+        """Restore the states after a restart.
+
+        Actions that ran fail, except `cancelOrder`, which is performed again.
 
         Args:
             states: the saved states; the changes of the last seconds may be missing.
@@ -162,7 +164,10 @@ class InstantActions:
         return [hold.removeprefix(_HOLD_PREFIX) for hold in interrupted]
 
     def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
-        """Store the new status of an action; return False if it is not an instant action."""
+        """Store the new status of an action; return False if it is not an instant action.
+
+        When a startPause ends, also begin a repeated one that waits for this.
+        """
         state = self._states.get(action_id)
         if state is None:
             return False
@@ -228,6 +233,7 @@ class InstantActions:
         return ""
 
     def _refuse(self, action: Action, objection: Objection, hint: str) -> None:
+        """Report why an instant action is refused."""
         self._add_error(
             warning(
                 ErrorType.INSTANT_ACTION,

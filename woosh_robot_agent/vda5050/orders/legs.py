@@ -127,6 +127,10 @@ def speed_limit(edges: Sequence[Edge], nodes: Sequence[Node], position: Position
 
 
 def _is_near_edge(here: Point, start: Node, end: Node) -> bool:
+    """Return True if a point is within `_BRAKING_DISTANCE` of the line between two nodes.
+
+    Return False if a node has no position.
+    """
     if start.position is None or end.position is None:
         return False
     line = start.position.point, end.position.point

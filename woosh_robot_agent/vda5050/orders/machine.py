@@ -61,7 +61,7 @@ class OrderMemory:
         actions: state of the actions of the order.
         canceling: True while the order is being cancelled, i.e. until its drive and actions have
             ended, and its remaining nodes and edges are removed.
-        cancelled: True once the order was cancelled, also after that.
+        cancelled: True once the order was cancelled; it stays True when `canceling` ends.
         holds: names of the holds, i.e. of the reasons for which the vehicle must not drive.
         error: why the order can only be cancelled; None while it can go on.
     """
@@ -87,7 +87,8 @@ class OrderMachine:
 
     Attributes:
         error: why the order can only be cancelled; None while it can go on.
-        canceling: True while the order is being cancelled, as in `OrderMemory`.
+        canceling: True while the order is being cancelled, i.e. until its drive and actions have
+            ended, and `empty` is called.
     """
 
     def __init__(self) -> None:
@@ -98,7 +99,7 @@ class OrderMachine:
         """The order or update that was taken last."""
         self.canceling = False
         self._is_cancelled = False
-        """True once the order was cancelled, as in `OrderMemory`."""
+        """True once the order was cancelled; it stays True when `canceling` ends."""
         self._holds: set[str] = set()
         """Names of the holds, i.e. of the reasons for which the vehicle must not drive."""
         self._is_drive_paused: bool | None = False
@@ -275,7 +276,11 @@ class OrderMachine:
     ) -> None:
         """Take a new position, and reach the nodes of the leg that the vehicle has passed.
 
-        The arguments are those of `Route.moved`.
+        Args:
+            position: the new position, also if it is the same as before.
+            by_action: True if an action may have moved the vehicle.
+            confirmed: True if the robot has confirmed, over the current link, that it drives the
+                leg.
         """
         self._route.moved(
             position, by_action=by_action, confirmed=confirmed, passes=not self.canceling
@@ -474,6 +479,8 @@ class OrderMachine:
 
     def _start_leg_or_reach_in_place(self) -> bool:
         """Start the next leg, or reach the next node without a drive if it is at the same place.
+
+        If the leg begins with a trajectory that is too far away, set `error` instead.
 
         Returns:
             True if the next node was reached, so that the leg after it may start.

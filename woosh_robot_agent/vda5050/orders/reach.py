@@ -221,7 +221,7 @@ class Route:
 
         A missed node counts with the next passed node, but only once the vehicle has driven at
         least the distance to the missed node, and moves away from it. Until then the vehicle may
-        still be on its way to the missed node, which may lead past later nodes.
+        still be on its way to the missed node, and this way may lead past later nodes.
 
         Args:
             here: position of the vehicle, the end of its last move.
@@ -237,9 +237,9 @@ class Route:
             place = node.position
             if place is None:
                 break
-            misses_none = number == count
-            may_miss = self._estimated_way >= way and self._moves_away_from(previous)
-            if (misses_none or may_miss) and is_reached(place, move_start, here):
+            is_next = number == count  # no node before it is missed
+            is_past_previous = self._estimated_way >= way and self._moves_away_from(previous)
+            if (is_next or is_past_previous) and is_reached(place, move_start, here):
                 count = number + 1
                 if move_start is not None and move_start.map_id == here.map_id:
                     # the following nodes must be passed on the rest of the move
@@ -250,7 +250,10 @@ class Route:
         return count
 
     def _moves_away_from(self, place: Position | NodePosition | None) -> bool:
-        """Return True if the last move has not brought the vehicle nearer to a place."""
+        """Return True if the last move has not brought the vehicle nearer to a place.
+
+        Return False if the last move is unknown.
+        """
         if self._move_start is None:
             return False
         return _distance(self.position, place) >= _distance(self._move_start, place)
@@ -276,7 +279,8 @@ class Route:
     def _is_far_from(self, node: Node) -> bool:
         """Return True if the vehicle is so far from a node that its actions would be misplaced.
 
-        This distance is the permitted deviation, and the way that it drives between two reports.
+        It is if the distance exceeds the permitted deviation plus the way that a vehicle drives
+        between two reports.
         """
         place, here = node.position, self.position
         if place is None or here is None:

@@ -249,7 +249,10 @@ def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
 
 
 def _with_mark(node: Node, map_id: str, find: FindMark) -> Node:
-    """Return a node with its mark if the robot drives to it by a mark, as in `with_marks`."""
+    """Return a node, with its mark if the robot drives to it by a mark.
+
+    `with_marks` tells when this is so.
+    """
     place = node.position
     mark = find(node.id, map_id if place is None else place.map_id)
     if mark is None:

@@ -77,7 +77,8 @@ class _Call:
         accepted: True if the robot has accepted the start.
         reported: True if the robot has reported the action as executing or paused over the current
             link.
-        cannot_pause: True if the robot could not pause the action, which does not move the base.
+        cannot_pause: True if the robot could not pause the action. Always False for an action that
+            moves the base, because its pause is repeated until the robot stands.
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
         outcome_unknown: True if the robot does not tell how the action ended.
@@ -133,7 +134,8 @@ class RobotCalls:
         """Current actions, by the full name of their command."""
         self._ends: dict[str, Feedback] = {}
         """Last reports on actions that have ended, by the full name of the command, until the next
-        one of the kind is reported. The robot repeats them when it is asked."""
+        action of the kind is reported. The robot repeats such a report when it is asked: `_ask`
+        must not take it for the end of a new action."""
         self._answers_queries = False
         """True once the robot has named an action when it was asked."""
         link.chassis.subscribe(Feedbacks, self._reported)
@@ -168,7 +170,7 @@ class RobotCalls:
         return any(call.controller.paused for call in self._calls.values())
 
     def want(self, control: Control) -> None:
-        """Pause or resume all actions, as `Controller.want` does."""
+        """Pause or resume all actions as soon as possible; a cancelled one stays cancelled."""
         for call in self._calls.values():
             call.cannot_pause = False  # the robot may be able to now
             call.controller.want(control)
@@ -182,7 +184,7 @@ class RobotCalls:
         for name in commands:
             call = self._calls[name] = self._new_call(message_type(name)(), lambda status: None)
             call.accepted = call.is_leftover = True
-            self._ends.pop(name, None)  # what was learned since the restart may be its own end
+            self._ends.pop(name, None)  # an end that was reported since the restart may be its own
             call.ended.add_done_callback(partial(self._leftover_ended, name))
             self._ask_about(call)
             self._link.background.start(self._check(call))
@@ -235,6 +237,7 @@ class RobotCalls:
         return call.result
 
     def _new_call(self, command: Message, report: Callable[[ActionStatus], None]) -> _Call:
+        """Return a new call with a controller; the action is not started yet."""
         call = _Call(command, report)
 
         async def send(control: Control) -> Answer:
@@ -253,6 +256,14 @@ class RobotCalls:
         return call
 
     async def _start(self, call: _Call) -> None:
+        """Send the start of an action.
+
+        If it was sent, but not answered, ask the robot about the action instead of failing.
+
+        Raises:
+            ActionFailedError: the start was not sent, or the robot refused it.
+        """
+
         def answered(answer: Answer) -> None:
             """Take the answer in order with the reports, which may come before it."""
             call.accepted = answer.ok
@@ -272,6 +283,7 @@ class RobotCalls:
                 raise ActionFailedError(ROBOT_REFUSED(what=call.name, reason=answer.reason))
 
     def _reported(self, reports: Feedbacks) -> None:
+        """Handle pushed reports, which may be about several actions."""
         for report in reports.fbs:
             if call := self._calls.get(report.action):
                 self._handle_report(call, report)
@@ -309,6 +321,7 @@ class RobotCalls:
             call.end(WITH_TEXT(reason=reason, text=report.msg) if report.msg else reason)
 
     def _update_paused(self, call: _Call, *, paused: bool) -> None:
+        """Take from a report if an action is paused, and report a change."""
         was_paused = call.controller.paused
         if call.controller.update(paused):
             if paused != was_paused:
@@ -348,8 +361,8 @@ class RobotCalls:
     def _link_changed(self, state: LinkState) -> None:
         for call in self._calls.values():
             if state is not LinkState.READY:
-                call.accepted |= call.reported
-                call.reported = False
+                call.accepted |= call.reported  # the robot has executed it, so it had accepted it
+                call.reported = False  # is about the current link only
             call.controller.send_now()
 
     async def _check(self, call: _Call) -> None:
@@ -369,18 +382,20 @@ class RobotCalls:
         self._link.background.start_once(lambda: self._ask(call), call)
 
     async def _ask(self, call: _Call) -> None:
+        """Ask until the state is known for now (`is_known`), or the call ends; see `_ask_about`."""
         clock = asyncio.get_running_loop().time
         name, deadline, is_known = full_name(call.command), math.inf, False
 
         def take_answer(answer: Answer) -> None:
+            """Take the report on the action from an answer, and set `is_known`."""
             nonlocal is_known
             reports = answer.body.fbs if answer.ok and isinstance(answer.body, Feedbacks) else ()
             mine = [each for each in reports if each.action == name]
             self._answers_queries = self._answers_queries or bool(reports)
-            # a robot that does not answer queries may report on the action nevertheless; but if it
-            # reports nothing after it has accepted a cancellation, the action may have ended
-            may_only_push = not (answer.ok and self._answers_queries)
-            is_known = call.reported and may_only_push and not call.controller.cancel_accepted
+            # a robot that names no actions in its answers may push reports on them: these suffice,
+            # except after an accepted cancellation, because the report on the end may be lost
+            names_actions = answer.ok and self._answers_queries
+            is_known = call.reported and not names_actions and not call.controller.cancel_accepted
             if mine and mine[-1] != self._ends.get(name):
                 self._handle_report(call, mine[-1])
                 # if nothing shows that this call has begun, a reported end is of an earlier call

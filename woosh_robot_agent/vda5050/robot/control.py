@@ -65,6 +65,7 @@ class Controller:
         self._resumed_at = -math.inf
         """Loop time of a resumption whose effect was not reported yet; else minus infinity."""
         self._wake = asyncio.Event()
+        """Set to end the pause before the wanted command is sent again."""
         self._log = LogOnce(_LOG)
 
     def want(self, control: Control) -> None:
@@ -91,6 +92,7 @@ class Controller:
         else:
             self._resumed_at = -math.inf
         now = asyncio.get_running_loop().time()
+        # soon after a resumption, the report may be older than its effect
         self.stays_paused = paused and now >= self._resumed_at + _EFFECT_WITHIN
         changed = (self.paused, self.stays_paused) != before
         if changed:
@@ -113,6 +115,7 @@ class Controller:
             self._link.background.start_once(self._send_until_obeyed, self)
 
     async def _send_until_obeyed(self) -> None:
+        """Send the wanted command until the robot has obeyed it; a resumption only once."""
         while (control := self._update_wanted()) is not None:
             self._wake.clear()
             if self._link.ready and self._may_send():
@@ -138,6 +141,7 @@ class Controller:
         return self._wanted
 
     async def _send(self, control: Control) -> None:
+        """Send a command once, and handle its answer."""
         command = f"{control.value} of {self._name}"
         answer = None
         try:

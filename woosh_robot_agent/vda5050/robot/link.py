@@ -26,6 +26,7 @@ class Background:
 
     def __init__(self) -> None:
         self._tasks: dict[Hashable, asyncio.Task[None]] = {}
+        """Running tasks, by key."""
 
     def start(self, work: Coroutine[Any, Any, None], key: Hashable = None) -> asyncio.Task[None]:
         """Start a task, and return it; the task with the same key is cancelled.
@@ -56,6 +57,7 @@ class Background:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _ended(self, key: Hashable, task: asyncio.Task[None]) -> None:
+        """Forget a task that has ended, and log its exception."""
         if self._tasks.get(key) is task:
             del self._tasks[key]
         if not task.cancelled() and (error := task.exception()) is not None:
@@ -164,14 +166,24 @@ class RobotLink:
         await self.chassis.wait_ready(_READY_TIMEOUT)
 
     async def ask(self, request: Message, tap: Callable[[Answer], None] | None = None) -> Answer:
-        """Send a request that moves nothing, and return the answer; see `ChassisClient.request`.
+        """Send a request that moves nothing, and return the answer.
 
         `tap` is called with the answer before a later report of the robot is handled.
+
+        Raises:
+            LinkError: the request was not sent or not answered.
         """
         return await self.chassis.request(self._requests.address(request), tap=tap)
 
     async def command(
         self, request: Message, tap: Callable[[Answer], None] | None = None
     ) -> Answer:
-        """Send a request that may move the robot; see `ask` and `MotionGate.request`."""
+        """Send a request that may move the robot, and return the answer.
+
+        `tap` is called with the answer before a later report of the robot is handled.
+
+        Raises:
+            LinkError: the request was not sent or not answered; SupersededError if the motion gate
+                forbids it.
+        """
         return await self.gate.request(self._requests.address(request), tap=tap)

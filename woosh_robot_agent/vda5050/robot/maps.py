@@ -138,6 +138,11 @@ class RobotMaps:
             await asyncio.sleep(self._link.timing.ask_again_after)
 
     async def _read_marks(self, scene: str) -> None:
+        """Read the marks of a scene from the robot; keep the last ones if the robot refuses.
+
+        Raises:
+            LinkError: the robot did not answer.
+        """
         if not scene:
             return
         answer = await self._link.ask(SceneData(name=scene))

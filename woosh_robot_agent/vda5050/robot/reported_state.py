@@ -119,6 +119,7 @@ class ReportedState:
         self._moved()
 
     def _moved(self) -> None:
+        """Take note of a new pose."""
         self._pose_at = asyncio.get_running_loop().time()
         self._has_moved = True
         self._link.moved()
@@ -147,6 +148,8 @@ class ReportedState:
         self._watch_for_silence()
 
     async def _ask_for_pose(self) -> None:
+        """Ask for the pose once; without an answer, `_check_silence` asks again."""
+
         def take_answer(answer: Answer) -> None:
             if answer.ok and isinstance(answer.body, PoseSpeed):
                 self.remember_pose(answer.body)

@@ -139,7 +139,10 @@ def points(reported: Iterable[Any]) -> tuple[tuple[float, float], ...]:
 
 
 def map_id(info: RobotInfo) -> str:
-    """Return the id of the map in which the robot reports its position."""
+    """Return the id of the map in which the robot reports its position.
+
+    It is the name of the map, or its number if the last report on the scene names another map.
+    """
     report = info.pose_speed
     if info.scene.map_name and info.scene.map_id in (0, report.map_id):
         return info.scene.map_name

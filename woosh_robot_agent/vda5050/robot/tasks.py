@@ -186,12 +186,13 @@ class TaskRunner:
 
     def start(self, request: ExecTask) -> None:
         """Execute a task; it gets a new id."""
+        # by the clock, so that it is not the id of a task of an earlier run of the program
         request.task_id = max(self._last_id + 1, int(time.time() * 1000))
         self._set_current(request.task_id)
         self._link.background.start(self._start(request.task_id, request))
 
     def restore(self, task_id: int, info: RobotInfo) -> None:
-        """Make a task that was started before a restart of the program the current task.
+        """Take over a task that was started before a restart of the program.
 
         Args:
             task_id: id of the task; 0 if its start was not sent: then `on_end` is called at once.
@@ -205,7 +206,10 @@ class TaskRunner:
             self._on_end(_RESTARTED())
 
     def want(self, control: Control) -> None:
-        """Pause, resume or cancel the task, like `Controller.want`; without a task, do nothing."""
+        """Pause, resume or cancel the task as soon as possible; do nothing without a task.
+
+        A cancelled task stays cancelled.
+        """
         if self.id:
             self._controller.want(control)
 
@@ -220,6 +224,7 @@ class TaskRunner:
         self._controller = self._new_controller()
 
     def _new_controller(self) -> Controller:
+        """Return a controller for the current task."""
         task_id = self.id
 
         async def send(control: Control) -> Answer:
@@ -235,6 +240,11 @@ class TaskRunner:
         return Controller(self._link, f"task {task_id}", send, answered, may_send)
 
     async def _start(self, task_id: int, request: ExecTask) -> None:
+        """Send the start of a task, then ask about the task from time to time until its end.
+
+        A task whose start was not sent or was refused ends at once. If the answer is lost, the
+        robot is asked about the task at once.
+        """
         try:
             answer = await self._link.command(request)
         except (ConnectionLostError, RequestTimeoutError) as error:
@@ -252,6 +262,7 @@ class TaskRunner:
     # Reports
 
     def _reported(self, report: TaskProc) -> None:
+        """Handle a pushed report on the task that the robot executes."""
         self._update_foreign_id(report)
         if not self.id:
             return
@@ -261,7 +272,10 @@ class TaskRunner:
             self._ask_until_known()
 
     def _update_foreign_id(self, report: TaskProc) -> None:
-        """Update `foreign_id` from a report on the task that the robot executes."""
+        """Update `foreign_id` from a report on the task that the robot executes.
+
+        If the robot begins the task that was given up, take it over again, and cancel it.
+        """
         is_foreign = report.state not in _END_REASONS and report.robot_task_id != self.id
         is_given_up = not self.id and report.robot_task_id == self._given_up
         if is_foreign and is_given_up:
@@ -292,7 +306,7 @@ class TaskRunner:
             self._on_pause_changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
-        """Find out the state of the current task after a reconnect."""
+        """Find out the state of the current task after a reconnect, or a restart of the program."""
         self._update_foreign_id(info.task_proc)
         if not self.id:
             return
@@ -382,7 +396,10 @@ class TaskRunner:
         return end_of(answer) is not None
 
     async def _executes_unnamed_task(self) -> bool:
-        """Return True if the robot tells that it executes a task, but not which one."""
+        """Return True if the robot tells that it executes a task, but not which one.
+
+        Return False also if it does not answer in time.
+        """
         try:
             answer = await self._link.ask(RobotInfo())
         except RequestTimeoutError:
@@ -473,7 +490,8 @@ class ActionTasks:
         Args:
             task_id: `awaited_id` before the restart.
             info: the first report of the robot.
-            is_done: returns True if what the action waited for has happened, as in `perform`.
+            is_done: returns True once what the action waited for has happened, e.g. the battery is
+                being charged. Then the end of the task is not waited for.
         """
         if task_id:
             self.has_leftover = True
