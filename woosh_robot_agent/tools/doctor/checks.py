@@ -109,7 +109,7 @@ async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotI
         CheckFailedError: no answer, a refusal, or an answer that cannot be read.
     """
     codec = client_codec(config)
-    unusable: list[str] = []
+    unusable: list[str] = []  # descriptions of frames that came instead of the answer
     sent_at = time.time()
     try:
         await transport.send(
@@ -153,7 +153,7 @@ def _report(config: LinkConfig) -> str:
 
 
 async def _receive_answer(transport: Transport, codec: Codec, unusable: list[str]) -> Envelope:
-    """Return the answer; append texts about unreadable frames and other answers to `unusable`."""
+    """Return the answer; append descriptions of unusable frames to `unusable`."""
     while True:
         try:
             envelope = codec.decode(await transport.recv())
@@ -242,7 +242,7 @@ async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
     closed: tuple[Address, str] | None = None
     failure: CheckFailedError | None = None
     for *_, found_address in found:
-        # with the interface of a link-local address
+        # as text, which has the interface of a link-local address, e.g. fe80::1%eth0
         ip, port = socket.getnameinfo(found_address, socket.NI_NUMERICHOST | socket.NI_NUMERICSERV)
         address = Address(ip, int(port))
         opening = asyncio.open_connection(*address)

@@ -75,11 +75,21 @@ def quantile(values: Sequence[float], share: float) -> float:
 
 def learn(seen: Observations) -> Values:
     """Return all values of a profile that can be learned from the observations."""
-    parts = (
-        *(_model, _first_reports, _order_effects, _empty_reports, _answers, _mapping),
-        *(_rates, _laser, _speeds, _start_delays, _battery, _texts),
+    learners = (
+        _model,
+        _first_reports,
+        _order_effects,
+        _empty_reports,
+        _answers,
+        _mapping,
+        _rates,
+        _laser,
+        _speeds,
+        _start_delays,
+        _battery,
+        _texts,
     )
-    return {path: found for part in parts for path, found in part(seen) if _is_field(path)}
+    return {path: found for each in learners for path, found in each(seen) if _is_field(path)}
 
 
 def _is_field(path: KeyPath) -> bool:
@@ -159,7 +169,10 @@ def _order_effects(seen: Observations) -> _Found:
 
 
 def _empty_reports(seen: Observations) -> _Found:
-    """Yield the shortest and longest time from the last report of a task to the empty report."""
+    """Yield the shortest and longest time from the last report of a task to the empty report.
+
+    The empty report follows the last report of some tasks; it names no task.
+    """
     empty = [
         later - t
         for (t, proc), (later, after) in pairwise(seen.pushed(TaskProc))
@@ -170,7 +183,7 @@ def _empty_reports(seen: Observations) -> _Found:
 
 
 _SLOW = {cls.DESCRIPTOR.full_name for cls in (pack.InitRobot, pack.BuildMap)}
-"""Requests that are answered when they are done. Other fields of the profile describe them."""
+"""Requests that are answered only after their execution; their times have their own fields."""
 
 
 def _answers(seen: Observations) -> _Found:
@@ -377,7 +390,9 @@ def _texts(seen: Observations) -> _Found:
             texts.setdefault(each.request, Counter())[printable(each.text)] += 1
     for name, found in sorted(texts.items()):
         text, count = found.most_common(1)[0]
-        if name in _QUERIES and name not in accepted:
+        # not a command, whose refusal may depend on the state of the robot
+        is_always_refused = name in _QUERIES and name not in accepted
+        if is_always_refused:
             yield ("refusals", "always", name), Learned(text or REQUEST_FAILED, count)
         elif text and text not in _DEFAULT_TEXTS:
             yield ("refusals", "texts", name), Learned(text, count)
@@ -508,7 +523,8 @@ def profile_text(values: Mapping[KeyPath, Learned], source: str) -> str:
                 for path, each in values.items()
                 if path[:2] == (section, name) and path[2:]
             }
-            if isinstance(value, dict) and (value or learned):
+            has_keys = isinstance(value, dict) and (value or learned)
+            if has_keys:  # otherwise one line, also for an empty mapping
                 lines.append(f"  {name}:")
                 merged = {**{key: Learned(each, 0) for key, each in value.items()}, **learned}
                 lines += [f"    {key}: {_value(each)}" for key, each in merged.items()]

@@ -210,6 +210,7 @@ class Observations:
 
     def _add_from_client(self, frame: SeenFrame, envelope: Envelope) -> None:
         if envelope.type in (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name):
+            # `SUBSCRIPTION_TYPE` is not a type of the schema
             body = self._body(frame, Envelope(Subscription.DESCRIPTOR.full_name, envelope.body))
             if isinstance(body, Subscription) and body.sub:
                 self.subscribed.update(body.topics)
@@ -219,6 +220,7 @@ class Observations:
             self._pending[frame.connection, envelope.sn] = request
 
     def _add_from_robot(self, frame: SeenFrame, envelope: Envelope) -> AnsweredRequest | None:
+        """Add a push or an answer; return the answered request, None if there is none."""
         if envelope.timestamp:
             self.offsets.append(envelope.timestamp / 1000 - frame.t)
         pending = self._pending.pop((frame.connection, envelope.sn), None) if envelope.sn else None
@@ -252,7 +254,10 @@ class Observations:
         return None
 
     def _body(self, frame: SeenFrame, envelope: Envelope) -> Message | None:
-        """Return the body of a frame, and note types and fields that the schema lacks."""
+        """Return the body of a frame, and note types and fields that the schema lacks.
+
+        None if the body cannot be read, or the schema lacks its type.
+        """
         cls = message_types().get(envelope.type)
         if cls is None:
             if frame.by_robot and envelope.type != "error":  # the type of some refusals
@@ -300,7 +305,13 @@ def of_busiest_connection(items: list[_Item]) -> list[_Item]:
 
 
 def _unknown_fields(body: dict[str, Any], descriptor: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Yield the path, which begins with `path`, and the value of each field that a type lacks."""
+    """Yield path and value of each field in a JSON body that its message type lacks.
+
+    Args:
+        body: the body, or a message within it.
+        descriptor: descriptor of the type.
+        path: path of a message within the body, e.g. `scene.`; empty for the body itself.
+    """
     fields = {name: each for each in descriptor.fields for name in json_names(each)}
     for key, value in body.items():
         known = fields.get(key)
@@ -391,6 +402,7 @@ class Redactor:
     """
 
     def __init__(self, names: Iterable[str]) -> None:
+        # the longest first, because the first alternative that matches is taken
         found = "|".join(re.escape(each) for each in sorted(names, key=len, reverse=True))
         # not inside of a type name, e.g. woosh.robot.PoseSpeed
         self._names = re.compile(rf"(?<![\w.])(?:{found})(?!\w|\.\w)", re.A) if found else None
@@ -413,4 +425,5 @@ class Redactor:
         return "<number>"
 
     def _key(self, key: str) -> str:
+        """Return a key of an object; `<key>` if it could be a name or an address."""
         return key if _PLAIN_KEY.fullmatch(key) and self.text(key) == key else "<key>"

@@ -175,7 +175,11 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         if options.json:
             print(json.dumps(_as_json(config, results, failed), indent=2))
         if options.survey:
-            if any(each.check == "RobotInfo" and each.text == NOT_REACHED for each in results):
+            # RobotInfo is the first check that needs the open link
+            is_link_open = not any(
+                each.check == "RobotInfo" and each.text == NOT_REACHED for each in results
+            )
+            if not is_link_open:
                 raise SurveyError("no survey, because the link to the robot does not open")
             minutes = options.minutes or _MINUTES
             text = await survey.survey(

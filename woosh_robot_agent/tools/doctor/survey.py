@@ -176,6 +176,7 @@ class _Survey:
             self._rounds += 1
             if self._rounds == 1:
                 await self._ask_over_http()
+            # to learn the time between two scans, if the robot has shown that it makes any
             for _ in range(_SCAN_POLLS if self.seen.scans else 0):
                 # without waiting for the answers, which may be late
                 self._sn += 1
@@ -201,6 +202,7 @@ class _Survey:
             ]
             if self._pose and self._mark.HasField("pose"):
                 pose = self._mark.pose
+                # where a robot stands at the mark, or else the pose of the mark itself
                 end = pose.dock if pose.HasField("dock") else pose.real
                 large.append(PlanNavPath(start=self._pose, end=end))
             for each in large:
@@ -216,7 +218,7 @@ class _Survey:
         waiting: asyncio.Future[AnsweredRequest] = asyncio.get_running_loop().create_future()
         self._waiting[self._sn] = waiting
         name = full_name(request)
-        # also if the link is lost meanwhile: perhaps this type makes the robot end it
+        # in advance, because perhaps this type makes the robot end the link
         self._unanswered[name] = self._unanswered.get(name, 0) + 1
         await self._send(name, request, self._sn)
         try:
@@ -233,7 +235,7 @@ class _Survey:
         elif isinstance(answer.body, Scene):
             self._scene = answer.body.scene_name
         elif isinstance(answer.body, mark_pb2.Storages):
-            lists = (found for _, found in answer.body.ListFields())
+            lists = (found for _, found in answer.body.ListFields())  # one for each type of mark
             marks = (mark for found in lists for mark in found)
             self._mark = next(marks, mark_pb2.Storages.Base())
 

@@ -110,17 +110,24 @@ def _robot(seen: Observations) -> dict[str, Any]:
 def _requests(
     seen: Observations, http: Mapping[str, HttpAnswer | None], redactor: Redactor | None
 ) -> Iterator[dict[str, Any]]:
+    """Yield the answers to each type of request, with a verdict.
+
+    The verdict is `answered`, `refused`, `unknown` if the robot does not know the type, or
+    `no answer`.
+    """
     for name in sorted(seen.asked):
         answers = [each for each in seen.answers if each.request == name]
         accepted = [each for each in answers if each.ok]
         texts = Counter(_redacted(each.text, redactor) for each in answers if not each.ok)
         over_http = http.get(name)
-        is_unknown = (over_http is not None and over_http.status == _NOT_FOUND) or (
-            any(_UNKNOWN_TEXT.search(text) for text in texts) and not accepted
-        )
-        verdict = "no answer"
-        if answers:
-            verdict = "unknown" if is_unknown else "answered" if accepted else "refused"
+        is_not_found = over_http is not None and over_http.status == _NOT_FOUND
+        says_unknown = not accepted and any(_UNKNOWN_TEXT.search(text) for text in texts)
+        if not answers:
+            verdict = "no answer"
+        elif is_not_found or says_unknown:
+            verdict = "unknown"
+        else:
+            verdict = "answered" if accepted else "refused"
         yield {
             "type": name,
             "verdict": verdict,
@@ -173,6 +180,7 @@ def _series(values: Sequence[float], *, digits: int) -> dict[str, float] | None:
 
 
 def _unknown(path: str, unknown: Unknown, redactor: Redactor | None) -> dict[str, Any]:
+    """Return number and examples of an unknown field or type; `path` is empty for a type."""
     key = path.rpartition(".")[2]
     values = [redactor.value(key, each) if redactor else each for each in unknown.values]
     return {"count": unknown.count, "values": values}
