@@ -17,7 +17,7 @@ from woosh_robot_agent.tools.recording.layout import Channel
 _CHUNK_SIZE = 1024 * 1024
 """Total size of messages above which a chunk is compressed and written, in bytes."""
 _NEVER = 2**62
-"""Chunk size with which the library itself never ends a chunk."""
+"""Chunk size that is never reached: `McapFile` ends each chunk, to know what is written."""
 _LIBRARY = "woosh_robot_agent"
 
 
@@ -79,9 +79,8 @@ class McapFile:
         if number is None:
             number = self._register(channel)
         topic = channel.topic
-        self._writer.add_message(
-            number, log_time, data, publish_time, self.written[topic] + self.pending[topic]
-        )
+        sequence = self.written[topic] + self.pending[topic]
+        self._writer.add_message(number, log_time, data, publish_time, sequence)
         self.pending[topic] += 1
         self._pending_size += len(data)
         if self._pending_size > _CHUNK_SIZE:
@@ -191,7 +190,7 @@ class RecordingFiles:
         self._closed_count: Counter[str] = Counter()
         """Number of messages in the completed files, by topic."""
         self._start: int | None = None
-        """Log time of the first message of `add` in the current file, in ns; None without one."""
+        """Log time of the first message of `add` in the current file, in ns; None before it."""
         self._begin_size = 0
         """Size of the current file right after `on_new_file`, in bytes."""
         self._split_after = limits.split_duration * 1e9 or math.inf
@@ -238,7 +237,8 @@ class RecordingFiles:
             self._apply_limits(log_time, len(data))
             if self._file is None:
                 return
-            self._file.add(channel, log_time, published, data)  # perhaps the next file
+            # not the argument `_`, because `_apply_limits` may have begun the next file
+            self._file.add(channel, log_time, published, data)
             if self._start is None:
                 self._start = log_time
 
@@ -291,12 +291,12 @@ class RecordingFiles:
             self._end_early(
                 f"{self._path} has reached its size limit of {self._limits.max_size} bytes"
             )
-        elif self._start is not None and (
-            exceeded == "split_size" or log_time - self._start >= self._split_after
-        ):
+        elif self._start is None:  # the first message of a file stays in it, whatever its size
+            return
+        elif exceeded == "split_size" or log_time - self._start >= self._split_after:
             self._close_file()
             self._begin_file()
-            self._apply_limits(log_time, size)
+            self._apply_limits(log_time, size)  # the start of the next file may reach `max_size`
 
     def _exceeded_limit(self, size: int) -> str:
         """Return the limit that would be exceeded if the current file had a size, in bytes.

@@ -51,7 +51,7 @@ class ReadPace:
         self._period = period
         self._now = now or asyncio.get_running_loop().time
         self._due = 0.0
-        """Time by `now` at which the next read is due if each takes `period`."""
+        """Earliest time of the next read, by `now`; in the past if reads are rare."""
 
     async def wait(self, size: int) -> None:
         """Wait until the next read may follow.
@@ -62,7 +62,7 @@ class ReadPace:
         if size >= _LARGE:
             return
         now = self._now()
-        # a pause counts for at most _BURST reads
+        # reads that a pause left out may follow without a delay, but at most _BURST
         self._due = max(self._due, now - _BURST * self._period) + self._period
         if self._due > now:
             self._transport.pause_reading()
@@ -192,7 +192,7 @@ class RecordingProxy:
             chassis_reader, chassis_writer = await run_with_timeout(config.connect_timeout, opening)
         except OSError as error:
             reason = system_text(error)
-            if isinstance(error, TimeoutError) and not error.errno:  # of `run_with_timeout`
+            if isinstance(error, TimeoutError) and not error.errno:  # not from the socket
                 reason = f"no answer within {config.connect_timeout:g} s"
             self._recorder.add_event(connection.number, "refused", "chassis", reason)
             self._log.warn("refused", f"{config.address} cannot be reached: {reason}")
@@ -247,7 +247,7 @@ class RecordingProxy:
             with contextlib.suppress(OSError):  # the receiver is gone, too
                 writer.write_eof()
         except ConnectionError as error:
-            by = sender if is_reading else receiver
+            by = sender if is_reading else receiver  # the side whose socket failed
             self._end(connection, by, error.strerror or type(error).__name__)
             abort_transport(writer.transport)
 
@@ -259,9 +259,10 @@ class RecordingProxy:
         """Record the end of a connection; runs in the recorder's thread.
 
         Only the first end counts, which may be a close frame. The other side may end much later,
-        when the client has connected again. A connection without the chassis had no begin.
+        when the client has connected again. A connection whose begin is not recorded has no end.
         """
-        if not connection.has_ended and len(connection.writers) == 2:
+        has_begun = len(connection.writers) == 2  # the chassis has been reached, too
+        if has_begun and not connection.has_ended:
             connection.has_ended = True
             self._writer.add_event(connection.number, "close", by, how, at)
 

@@ -49,7 +49,10 @@ _MAX_CHUNK = 256 * 1024 * 1024
 
 
 class _Stream:
-    """A file in which reading beyond the end raises `EndOfFile`."""
+    """A file in which reading beyond the end raises `EndOfFile`.
+
+    Without it, the library could take the rest of a truncated record for a whole one.
+    """
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file

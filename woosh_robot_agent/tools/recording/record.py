@@ -225,6 +225,11 @@ class PassiveClient:
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
+    """Record until a signal or the end of `--duration`; return the exit status.
+
+    Raises:
+        RecordingError: the recording cannot start.
+    """
     stop, loop = stop_event(), asyncio.get_running_loop()
 
     def on_early_end(what: str, reason: str) -> None:
@@ -314,9 +319,10 @@ def _report_frames(
             f"recorded {writer.frames} frames of {writer.connections} connections to "
             f"{_names(writer.paths)}"
         )
+    had_client = bool(writer.connections or writer.refusal)
     if writer.lost:
         print(f"error: frames that passed but are not recorded: {writer.lost}", file=sys.stderr)
-    elif options.listen and not writer.connections and not writer.refusal:
+    elif options.listen and not had_client:
         print(
             "error: nothing was recorded: no client connected to the address of --listen",
             file=sys.stderr,

@@ -317,6 +317,11 @@ class ReplayedChassis:
             await transport.close(_CLOSE_TIMEOUT)
 
     def _receive(self, client: ConnectedClient, data: str | bytes) -> None:
+        """Change the client's subscriptions, or answer its request.
+
+        Raises:
+            FrameError: the frame cannot be read.
+        """
         codec = server_codec(data)
         envelope = codec.decode(data)
         if client in self._clients:  # otherwise it has just been dropped
@@ -324,6 +329,7 @@ class ReplayedChassis:
         if is_subscription(envelope):
             topics = set(client.topics)
             apply_subscription(topics, envelope, data)
+            # a type that was subscribed before keeps the encoding of its own subscription
             client.topics = {name: client.topics.get(name, codec) for name in topics}
         elif envelope.sn:
             self._commands[envelope.type] += 1

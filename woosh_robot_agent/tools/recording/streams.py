@@ -105,7 +105,7 @@ class WebSocketParser:
 
 
 class DelimitedParser:
-    """Parser of one direction of delimited protobuf: each frame follows its size as a varint.
+    """Parser of one direction of delimited protobuf: before each frame comes its size, as a varint.
 
     Args:
         max_size: maximum size of a frame, in bytes.

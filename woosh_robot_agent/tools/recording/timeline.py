@@ -124,13 +124,13 @@ def make_timeline(decoded: Iterable[DecodedRecord], connections: set[int]) -> It
         elif record.sender == "client":
             if envelope is not None:
                 yield from _client_steps(record, envelope, topics)
-        elif envelope is None or not envelope.sn:
+        elif envelope is None or not envelope.sn:  # an unreadable frame counts as a push
             name = "" if envelope is None else envelope.type
             yield Step(record.t, "push", record.data, name, name in topics)
 
 
 def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterator[Step]:
-    """Yield the step of a client's frame, if any; update `topics`, its subscribed types."""
+    """Yield the step of a client's frame, if any; update `topics`, the client's subscriptions."""
     if is_subscription(envelope):
         had_none = not topics
         with contextlib.suppress(FrameError):  # the chassis could not read it, either

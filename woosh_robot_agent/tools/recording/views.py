@@ -63,7 +63,7 @@ from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_cha
 
 _LOG = logging.getLogger(__name__)
 _ANSWERS = {command.request: command.answer for command in COMMANDS if command.two_types}
-"""Type of the answer by type of the request, for answers whose frame may name the latter."""
+"""Types of answers whose frames may name the type of the request instead, by that type."""
 _MAX_TIMESTAMP = 2**63 // 1_000_000
 """Timestamp from which a time is invalid, in ms: viewers cannot represent it in ns."""
 
@@ -120,7 +120,7 @@ def _channel(sender: Side, name: str) -> Channel:
 
 
 def _sent_at(envelope: Envelope) -> int | None:
-    """Return `DecodedFrame.sent`."""
+    """Return the time of sending, as Unix time in ns; None if the frame has no valid time."""
     timestamp = envelope.timestamp
     if timestamp is None or not 0 < timestamp < _MAX_TIMESTAMP:
         return None
@@ -345,7 +345,7 @@ class MapFinder:
                     yield FoundMap(area, is_saved=True, is_current=area is current)
 
     def _current_map(self, data: SceneData) -> SceneData.Map | None:
-        """Return the current map if the scene has it; the only map while that is unknown."""
+        """Return the current map if the scene has it; its only map while no scene is known."""
         current = self._current
         if not current.scene_name:
             return data.maps[0] if len(data.maps) == 1 else None

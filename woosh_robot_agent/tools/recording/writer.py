@@ -65,8 +65,8 @@ class RecordingWriter:
     Attributes:
         connections: number of connections between a client and the chassis so far.
         answered: True once the chassis has sent a frame.
-        refusal: why the chassis could not be reached the last time that it could not; empty if
-            that has not happened.
+        refusal: why the chassis could not be reached, for the last event of kind `refused`; empty
+            if there was none.
 
     Raises:
         OSError: the file cannot be created.
@@ -92,7 +92,7 @@ class RecordingWriter:
         self._maps: RecentDict[str, PreparedMap] = RecentDict(_MAX_MAPS)
         """The last map with each name; each new file begins with all of them."""
         self._states: dict[str, View] = {}
-        """The last view with each `View.state`; each new file begins with all of them."""
+        """Views that are still valid, by their key `View.state`; each new file begins with them."""
         self._robot: dict[str, str] = {}
         """The robot's number, model and software, as metadata; empty if unknown."""
         self._start = time.time_ns()
@@ -163,7 +163,8 @@ class RecordingWriter:
         if frame is not None:
             decoded = self._guard("decode", decode_message, sender, frame)
         sent = None if decoded is None else decoded.sent
-        if self._files.add(FRAMES, now, message.SerializeToString(), sent) and decoded is not None:
+        is_open = self._files.add(FRAMES, now, message.SerializeToString(), sent)
+        if is_open and decoded is not None:
             self._files.add(decoded.channel, now, decoded.message.SerializeToString(), sent)
             if sender == "chassis":
                 self._guard("view", self._add_views, decoded.message, now)
@@ -258,7 +259,7 @@ class RecordingWriter:
             self._guard("view", self._add_views_of, message, now)
 
     def _add_maps(self) -> None:
-        """Write the maps that have been prepared."""
+        """Write the maps that have been prepared; attach their files only if these have changed."""
         while self._preparing and self._preparing[0].done():
             future = self._preparing.popleft()
             prepared: PreparedMap | None = self._guard("view", future.result)
@@ -286,7 +287,7 @@ class RecordingWriter:
             self._files.add_metadata(ROBOT_METADATA, robot)
 
     def _begin_file(self, file: McapFile) -> None:
-        """Write metadata, maps and states to the start of a new file."""
+        """Write metadata, maps and the views that are still valid to the start of a new file."""
         file.add_metadata(METADATA, self._metadata | {"part": str(self._file_count)})
         self._file_count += 1
         if self._robot:
