@@ -274,9 +274,9 @@ def _scene_of(name: str, known: dict[str, list[str]]) -> str:
 
 
 def _check_exists(known: dict[str, list[str]], scene: str, map_name: str) -> str:
-    """Check that the robot has a scene, or a map if `map_name` is not empty.
+    """Check that the robot has a scene, or a map of it if `map_name` is not empty.
 
-    Return what that is, for messages. Raise `MapsError` if the robot does not have it.
+    Return words for the scene or the map, for messages. Raise `MapsError` if the robot lacks it.
     """
     if scene not in known:
         scenes = ", ".join(known) or "none"

@@ -126,6 +126,8 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
 def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
     """Return the marks of the file `name`; for an entry that was not edited, that of `old`.
 
+    An edited or new mark without an id gets one above the highest id.
+
     Raises:
         DataFileError: an entry cannot be used; the text has its place.
     """
@@ -174,6 +176,7 @@ def _entry(storage: Storage) -> dict[str, Any]:
         entry["real"] = real
     if identity.get("desc"):
         entry["description"] = identity["desc"]
+    # what is left has no key of its own in an entry
     if category and not fields[category]:
         del fields[category]
     if poses:
@@ -379,13 +382,15 @@ def write_scene(
                 continue
             contents |= {f"{_NAV2}/{file}": content for file, content in made.items()}
         info = _marks_in(_mark_file(area.name, files), files)
-        if info is not None and (info.storages or not area.mark_info.storages):
-            contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = marks_as_yaml(info, area.name)
-        else:
+        reports_marks = bool(area.mark_info.storages)
+        lacks_marks = info is not None and reports_marks and not info.storages
+        if info is None or lacks_marks:
             warnings.append(
                 f"the marks of map {area.name} are not saved for editing: they are not in the "
                 f"robot's file {_MARK_INFO}, or it has an unknown format"
             )
+        else:
+            contents[f"{_MARKS_FOLDER}/{stem}.yaml"] = marks_as_yaml(info, area.name)
     try:
         _write_folder(target, contents, force=force)
     except OSError as error:
@@ -431,9 +436,10 @@ def _is_own(path: str) -> bool:
 def _mark_file(area: str, files: Iterable[str]) -> str:
     """Return the name of the robot's file with the marks of a map, also if it is missing.
 
-    It is empty if the robot has no folder of the map.
+    The name is empty if the robot has no folder of the map.
     """
-    for name in sorted(files, key=lambda name: name.count("/")):  # not that of a copy
+    # the topmost folder of the map, because a deeper one may be a copy
+    for name in sorted(files, key=lambda name: name.count("/")):
         before, folder, _ = f"/{name}".partition(f"/{area}/")
         if folder:
             return f"{before}{folder}{_MARK_INFO}".removeprefix("/")
@@ -441,7 +447,10 @@ def _mark_file(area: str, files: Iterable[str]) -> str:
 
 
 def _marks_in(name: str, files: Mapping[str, bytes]) -> MarkInfo | None:
-    """Return the marks in a file of `files`; None without a name, or for an unknown format."""
+    """Return the marks in a file of `files`; a missing file counts as empty.
+
+    Return None without a name, or for an unknown format.
+    """
     try:
         return MarkInfo.FromString(files.get(name, b"")) if name else None
     except DecodeError:  # other firmware may store marks in another format
