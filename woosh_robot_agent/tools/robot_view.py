@@ -40,7 +40,8 @@ class RobotView:
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
         self.actions: RecentDict[str, Feedback] = RecentDict(_MAX_ACTIONS)
         self.values = LastKnown()  # filled by `update`
-        self.values.remember(RobotInfo())  # empty, because its parts can arrive before it
+        # so that `info` has the parts that arrive before the first RobotInfo
+        self.values.remember(RobotInfo())
         self.is_empty = True
         self.has_robot_info = False
 
@@ -103,6 +104,7 @@ def subscribe_all(chassis: ChassisClient, callback: Callable[[Message], None]) -
     for topic in TOPICS:
         if not topic.on_demand:
             chassis.subscribe(message_type(topic.push), callback)
+    # not in `TOPICS`, because the agent publishes it as the feedback of its actions
     chassis.subscribe(Feedbacks, callback)
 
 

@@ -39,7 +39,7 @@ class NodeThread:
         context = Context()
         rclpy.init(args=init_arguments(args), context=context, domain_id=domain)
         try:
-            # a slash at the end, as of a path, would be invalid
+            # users may end the namespace with a slash, which rclpy refuses
             self.node = Node(name, namespace=namespace.rstrip("/"), context=context)
         except BaseException:
             rclpy.try_shutdown(context=context)

@@ -43,7 +43,7 @@ class Source(Protocol):
         """Return the current state of the link."""
 
     def is_complete(self) -> bool:
-        """Return True if the robot's whole state has arrived, and `link` awaits nothing more."""
+        """Return True once the robot's whole state has come, and `link` waits for no message."""
 
     async def start(self) -> None:
         """Start receiving."""

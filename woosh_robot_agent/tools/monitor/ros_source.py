@@ -43,7 +43,7 @@ _PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id")
 
 
 class _RepeatedCall:
-    """A service call that is repeated as long as `call` is called, one call at a time.
+    """Repeated call of a service, with at most one call in flight.
 
     Args:
         client: rclpy's client of the service.
@@ -61,7 +61,9 @@ class _RepeatedCall:
         self._timeout = timeout
         self._on_response = on_response
         self._future: Any = None
+        """The call in flight; None without one."""
         self._called_at = 0.0
+        """Time of the last call, in `time.monotonic` seconds."""
 
     def call(self) -> None:
         """Call the service if it is available, unless a call is in flight and not timed out."""
@@ -270,7 +272,7 @@ class RosSource:
             if info.node_name != UNKNOWN_NODE
         }
         if self._agent_name not in found:
-            # With no agent known so far, `_connected` is that of the agent found now: keep it.
+            # Forget nothing before the first agent: `_connected` may be of the agent found now.
             if self._parameters_call is not None:
                 self._forget_agent()
             if not found:
