@@ -251,7 +251,7 @@ async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
         except ConnectionError as error:  # sent by the other end, which is therefore reachable
             closed = address, system_text(error)
         except OSError as error:
-            failure = _not_reached(config, address, error)
+            failure = _unreachable_error(config, address, error)
         else:
             writer.transport.abort()
             return address, ""
@@ -261,7 +261,7 @@ async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
     return closed
 
 
-def _not_reached(config: LinkConfig, address: Address, error: OSError) -> CheckFailedError:
+def _unreachable_error(config: LinkConfig, address: Address, error: OSError) -> CheckFailedError:
     if isinstance(error, TimeoutError):
         return CheckFailedError(
             f"{address.ip} did not answer within {config.connect_timeout:g} s",

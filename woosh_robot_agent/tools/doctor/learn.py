@@ -232,7 +232,7 @@ def _mapping(seen: Observations) -> _Found:
         yield ("mapping", "start"), _interval(starts)
     if saves := delays.get(pack.BuildMap.kSave):
         yield ("mapping", "save"), _distribution(saves)
-    if cancels := delays.get(pack.BuildMap.kCanel):
+    if cancels := delays.get(pack.BuildMap.kCanel):  # spelled so in the robot's messages
         yield ("mapping", "cancel"), _interval(cancels)
 
 
@@ -477,7 +477,7 @@ def _differ(one: Any, other: Any, relative: float, absolute: float) -> bool:
     if isinstance(one, list) and isinstance(other, list):
         pairs = zip(one, other, strict=False)
         return len(one) != len(other) or any(_differ(*each, relative, absolute) for each in pairs)
-    if any(isinstance(each, str | None | list) for each in (one, other)):
+    if any(isinstance(each, str | None | list) for each in (one, other)):  # not two numbers
         return bool(one != other)
     gap = abs(one - other)
     return bool(gap > absolute and gap > relative * max(abs(one), abs(other)))

@@ -153,7 +153,7 @@ class RosSource:
             if not topic.on_demand:
                 self._subscribe(topic.name, class_of(topic.msg, "msg"), topic.push, topic.depth)
         for action in ACTIONS:
-            if action.member:  # progress of tasks is also published on robot/TaskProc
+            if action.member:  # the others start tasks, whose progress is on robot/TaskProc, too
                 self._subscribe_feedback(
                     action.name, class_of(action.action, "action"), action.feedback
                 )

@@ -120,6 +120,7 @@ class McapFile:
             os.truncate(self.path, self._size)
 
     def _register(self, channel: Channel) -> int:
+        """Register a channel, and its schema if that is new in the file; return its number."""
         key = (channel.schema_name, channel.schema_encoding)
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(

@@ -265,6 +265,7 @@ class FrameRecorder:
             self._parse(received, direction, data)
 
     def _parse(self, received: int, direction: Direction, data: bytes) -> None:
+        """Record the frames that further bytes of a direction complete."""
         if direction.parser is None:
             return
         number, sender = direction.connection, direction.sender

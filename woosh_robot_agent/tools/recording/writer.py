@@ -242,6 +242,7 @@ class RecordingWriter:
             self._set_robot(message)
 
     def _add_views_of(self, message: Message, now: int) -> None:
+        """Write the views of a message, and remember those that stay valid."""
         for view in views_of(message, now):
             if view.state:
                 self._states[view.state] = view
