@@ -146,15 +146,17 @@ class GoalTiming:
     unknown_state_poll_factor: float = 0.2
     """Factor that shortens `poll_period` while the state of the goal is unknown."""
     fruitless_polls: int = 3
-    """Number of consecutive fruitless polls after which a goal may be given up; see `GiveUp`."""
+    """Number of consecutive polls without an answer, or before the first report on the goal, after
+    which the goal may be given up."""
     first_report_timeout: float = 5.0
     """Minimum time over which polls must find a goal unknown that the chassis has accepted and not
     yet reported on. Real robots report 0.5 to 1.2 s after the acceptance."""
     unknown_polls: int = 2
     """Number of consecutive polls that must find the goal unknown to the chassis before it ends."""
     cancel_report_timeout: float = 2.0
-    """Maximum wait for the report that something was cancelled, if nothing is known to run. Real
-    robots show the effect of an order within 1.2 s."""
+    """Maximum wait for the report that something was cancelled, if nothing is known to run. After
+    the same time, an accepted goal counts as begun. Real robots show the effect of an order within
+    1.2 s."""
     result_delay: float = 0.1
     """Minimum time from the last but one feedback message to the result. rclpy's action client
     reads one feedback message in each turn. When it reads the result, it drops all feedback that it
@@ -248,7 +250,7 @@ class Attribution:
         return self._repeats_ends and report == self._previous
 
     def note_earlier_end(self, report: object) -> None:
-        """Note an end that is not that of this goal."""
+        """Note the end of an earlier goal, as the last report before this goal."""
         self._previous, self._was_polled = report, False
 
     def _attribute_progress(self, phase: Phase) -> bool:
@@ -256,7 +258,8 @@ class Attribution:
         if self._predecessors and not phase.accepted:
             return False  # an earlier goal may still be running
         if phase.answered:
-            # this goal runs, so the earlier ones have ended; the last one's cancel may come late
+            # this goal runs, so the earlier goals have ended; a late report may still say that the
+            # last of them was cancelled
             self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
         return True
 
@@ -273,8 +276,8 @@ class Attribution:
             return True
         if phase is Phase.RUNNING:
             return outcome not in inherited
-        # before the answer, this may be the end of an earlier goal; that of this goal is found by a
-        # later poll
+        # before the answer, this may be the end of an earlier goal; if it is the end of this goal,
+        # a later poll finds it
         return not inherited
 
 

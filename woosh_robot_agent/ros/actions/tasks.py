@@ -84,7 +84,7 @@ OUTCOMES = {
 
 
 class TaskSetGoal:
-    """A predefined task set.
+    """The goal to execute a predefined task set.
 
     Args:
         arg: the command, as the client gave it.
@@ -204,7 +204,7 @@ def unused_task_ids() -> Iterator[int]:
 
 
 class TaskGoal:
-    """A task.
+    """The goal to execute a single task.
 
     Args:
         arg: the command, as the client gave it.
