@@ -52,7 +52,7 @@ def defaults() -> dict[str, str]:
 
 
 def declare(*names: str) -> list[DeclareLaunchArgument]:
-    """Return the declarations of some of the arguments."""
+    """Return the launch actions that declare the arguments with these names."""
     default = defaults()
     return [
         DeclareLaunchArgument(name, default_value=default[name], description=DESCRIPTIONS[name])

@@ -52,7 +52,7 @@ class Subscribers:
         """Create a publisher and add it to the set."""
         # The callback is not passed to rclpy's `create_publisher`: if the middleware has no such
         # events, that raises an error and destroys the new publisher. Subscribers sometimes do not
-        # discover another publisher of the topic that is created right after it, in its place.
+        # discover the second publisher that would then have to be created in its place.
         publisher = create_publisher(self._node, message_class, name, profile)
         try:
             handlers = subscriber_event_handlers(

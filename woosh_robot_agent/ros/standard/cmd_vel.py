@@ -104,7 +104,7 @@ class CmdVel(Part):
 
 
 def stamp_objection(context: PartContext, message: TwistStamped) -> str:
-    """Return why a velocity is not sent because of its stamp; empty if it may be."""
+    """Return why a velocity is not sent because of its stamp; empty if it may be sent."""
     twist, stamp = message.twist, message.header.stamp
     if not any((twist.linear.x, twist.linear.y, twist.angular.z)):
         return ""  # a zero always stops the robot
