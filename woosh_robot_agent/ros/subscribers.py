@@ -112,7 +112,8 @@ class Subscribers:
     def _poll(self, present: bool, reached: asyncio.Future[None]) -> None:
         """Set `reached` as soon as `self.present` is `present`; check it every `POLL_PERIOD`.
 
-        Checks are made at multiples of the period, so those of all sets wake the loop only once.
+        The checks are made at multiples of the period, so that all `Subscribers` wake the loop at
+        the same time.
         """
         if reached.done():  # cancelled
             return

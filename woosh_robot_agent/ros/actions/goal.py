@@ -177,7 +177,8 @@ class Attribution:
 
     Args:
         predecessors: number of earlier goals with the same name that may still be running.
-        inherited: outcomes that, if reported first, belong to an earlier goal.
+        inherited: outcomes that an earlier goal may still report. If the first end has one of them,
+            it belongs to that goal.
         repeats_ends: True if the chassis may repeat the last reported end, even if it belongs to an
             earlier goal: in the answer to a poll, or in a push.
         previous: the chassis's last report with the name before this goal, if known; only used with
@@ -219,11 +220,15 @@ class Attribution:
     def admit_polled(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
         """Decide if a report in a poll's answer is to be passed to `attribute`.
 
-        The chassis may answer with an end that it has reported before, for an earlier goal. So this
-        returns False for an end that is equal to the last report before this goal. Once this goal
-        is accepted, only the first such end is rejected: another one means that this goal has ended
-        in the same way. While this goal is not accepted, and the last report before it is not
-        known, every end is rejected. Call this once for each report of a poll.
+        The chassis may answer a poll with the end of an earlier goal, if that was its last report.
+        Therefore an end that is equal to the last report before this goal is rejected:
+
+        - always, while this goal is not accepted. If the last report before is not known, every end
+          is rejected.
+        - once, after this goal was accepted. In a later poll, an equal end means that this goal has
+          ended in the same way.
+
+        Call this once for each report of a poll.
 
         Args:
             report: the report.

@@ -473,6 +473,7 @@ class Odometry:
         turn_margin = abs(after.turn - before.turn) * interval / 2
         position_tolerance = _POSITION_TOLERANCE + forward_margin
         heading_tolerance = _HEADING_TOLERANCE + turn_margin
+        sideways_tolerance = _SIDEWAYS_TOLERANCE + abs(self._sideways) * interval
         # If the speed has changed, the derived duration is inexact. What was predicted from this
         # duration, i.e. the position of a robot that mostly turns, otherwise the heading, gets a
         # wider tolerance.
@@ -485,5 +486,5 @@ class Odometry:
         return (
             abs(error.x) > position_tolerance
             or abs(error.theta) > heading_tolerance
-            or abs(error.y) > _SIDEWAYS_TOLERANCE + abs(self._sideways) * interval
+            or abs(error.y) > sideways_tolerance
         )

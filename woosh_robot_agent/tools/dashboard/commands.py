@@ -62,11 +62,10 @@ class CommandError(ValueError):
 
 
 def number(args: Args, name: str, limit: float, least: float | None = None) -> float:
-    """Return an argument.
+    """Return an argument that is a number from `least`, by default -`limit`, to `limit`.
 
     Raises:
-        CommandError: it is missing, or not a number from `least` to `limit`. By default, `least` is
-            -`limit`.
+        CommandError: it is missing or something else.
     """
     value, least = args.get(name), -limit if least is None else least
     valid = isinstance(value, int | float) and not isinstance(value, bool)
