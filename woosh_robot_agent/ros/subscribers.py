@@ -72,7 +72,8 @@ class Subscribers:
     def present(self) -> bool:
         """True if there is at least one subscriber."""
         now = time.monotonic()
-        if self._changed.is_set() or (not self._has_events and now >= self._valid_until):
+        is_poll_due = not self._has_events and now >= self._valid_until
+        if self._changed.is_set() or is_poll_due:
             # cleared before counting: a subscriber that comes later sets it again
             self._changed.clear()
             self._present = any(each.get_subscription_count() for each in self._publishers)

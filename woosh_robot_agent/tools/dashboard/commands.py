@@ -94,7 +94,7 @@ def _text(args: Args, name: str) -> str:
     """Return an argument that is a text of at most `_MAX_TEXT` characters.
 
     Raises:
-        CommandError: it is missing or something else.
+        CommandError: it is missing or something else, or it has a character that is not text.
     """
     text = args.get(name)
     if not isinstance(text, str) or len(text) > _MAX_TEXT or any(map(_is_no_text, text)):
