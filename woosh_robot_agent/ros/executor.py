@@ -355,6 +355,7 @@ class _IdleThread:
         return True
 
     def _report(self, ready: list[Watched]) -> None:
+        """Put ready entities in use, and report them to the thread that spins."""
         for each in ready:
             each.owner.is_idle = False
         if ready:
