@@ -93,7 +93,7 @@ class Executor:
         self._urgent: list[Watched] = []
         """Urgent services and subscriptions."""
         self._urgent_left: list[Watched] = []
-        """Those that have not been looked at since the last callback of the queue."""
+        """Those of `_urgent` that were not looked at since the last callback of the queue."""
         self._context.on_shutdown(self.wake)  # ends the waits of both threads
         weakref.finalize(self, self._idle.close)  # for an executor that is not shut down
 
@@ -355,6 +355,7 @@ class _IdleThread:
         return True
 
     def _report(self, ready: list[Watched]) -> None:
+        """Put ready entities in use, and report them to the thread that spins."""
         for each in ready:
             each.owner.is_idle = False
         if ready:

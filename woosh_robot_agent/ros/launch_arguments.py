@@ -52,7 +52,7 @@ def defaults() -> dict[str, str]:
 
 
 def declare(*names: str) -> list[DeclareLaunchArgument]:
-    """Return the declarations of some of the arguments."""
+    """Return the launch actions that declare the arguments with these names."""
     default = defaults()
     return [
         DeclareLaunchArgument(name, default_value=default[name], description=DESCRIPTIONS[name])
@@ -86,8 +86,9 @@ def _is_on_command_line(file: str, command_line: Sequence[str]) -> bool:
     Otherwise, another launch file includes it, and the command line may have further arguments.
     """
     path = Path(file)
-    # started as `ros2 launch PACKAGE FILE` or as `ros2 launch PATH`
-    return (PACKAGE, path.name) in pairwise(command_line) or any(
+    if (PACKAGE, path.name) in pairwise(command_line):  # ros2 launch PACKAGE FILE
+        return True
+    return any(  # ros2 launch PATH
         word.endswith(path.name) and Path(word).is_file() and path.samefile(word)
         for word in command_line
     )

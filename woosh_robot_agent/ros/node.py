@@ -273,8 +273,8 @@ class Agent:
         self.node.destroy_node()
 
     async def _close(self) -> None:
-        # each step runs, even if the one before failed; the first one gets twice the timeout of
-        # `gate.close`, whose own error says more than a timeout here
+        # each step runs, even if the one before failed; the first step gets twice the timeout of
+        # `gate.close`, so that `gate.close` times out first: its error says more
         await self._close_step("stopping the robot", self._stop_robot, 2 * _ZERO_TIMEOUT)
         await self._close_step("aborting the goals", self._abort_goals, _GOALS_TIMEOUT)
         await self._close_step("closing the link", self.robot.chassis.close, _LINK_TIMEOUT)
@@ -335,6 +335,7 @@ class Agent:
         self.robot.thread.spawn(partial(self.robot.gate.stop_driving, reason, _ZERO_TIMEOUT))
 
     async def _reconfigure(self) -> None:
+        """Apply new settings of the link; if they need a new connection, stop the robot first."""
         self.robot.requests.robot_id = self.settings.link.robot_id
         if not self._link_config().keeps_connection(self.robot.chassis.config):
             await self.robot.gate.stop_driving(

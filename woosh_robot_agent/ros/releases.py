@@ -66,7 +66,8 @@ def exit_withdraws_endpoints() -> bool:
 
     Fast DDS 2 of Humble and Jazzy does so. Fast DDS 3 of Kilted does not, because rmw_fastrtps
     keeps its factory of participants alive: other processes notice only after the lease duration,
-    by default 20 s, that the endpoints are gone. Of other middleware, this is not known.
+    by default 20 s, that the endpoints are gone. Of other middleware, this is not known. If the
+    result is False, destroy the nodes before the exit.
     """
     if not str(get_rmw_implementation_identifier()).startswith("rmw_fastrtps"):
         return False

@@ -122,10 +122,13 @@ class _QueryHandler:
         return _Value(value, answer.raw.is_large)
 
     def _remember(self, answer: Answer) -> None:
-        """Store a value; called in order with the pushes, so that it replaces no newer one."""
+        """Keep an answer as the last known value.
+
+        Called in order with the pushes, so that the answer replaces no newer value.
+        """
         if answer.ok and answer.type == self._endpoint.request:
             last_known = self._robot.last_known
-            # `get` first decodes and keeps the value before, in case this one cannot be read
+            # `get` decodes the previous value, which stays if this answer cannot be read
             last_known.get(answer.type)
             last_known.remember(answer.raw)
 
@@ -247,6 +250,11 @@ class _CommandHandler:
         await _send(reply, response, is_large=answer.raw.is_large)
 
     async def _response_for(self, answer: Answer) -> Any:
+        """Return the response for an answer of the chassis.
+
+        If the chassis accepted the command, but its answer has no readable `ret`, a command that
+        reads a value has failed. Any other command has been executed, so it still succeeds.
+        """
         if self._convert_ret is None:
             return self._response(answer.ok, answer.msg)
         ret, defect = await self._read_ret(self._convert_ret, answer.raw)

@@ -52,7 +52,7 @@ class Subscribers:
         """Create a publisher and add it to the set."""
         # The callback is not passed to rclpy's `create_publisher`: if the middleware has no such
         # events, that raises an error and destroys the new publisher. Subscribers sometimes do not
-        # discover another publisher of the topic that is created right after it, in its place.
+        # discover the second publisher that would then have to be created in its place.
         publisher = create_publisher(self._node, message_class, name, profile)
         try:
             handlers = subscriber_event_handlers(
@@ -72,7 +72,8 @@ class Subscribers:
     def present(self) -> bool:
         """True if there is at least one subscriber."""
         now = time.monotonic()
-        if self._changed.is_set() or (not self._has_events and now >= self._valid_until):
+        is_poll_due = not self._has_events and now >= self._valid_until
+        if self._changed.is_set() or is_poll_due:
             # cleared before counting: a subscriber that comes later sets it again
             self._changed.clear()
             self._present = any(each.get_subscription_count() for each in self._publishers)
@@ -112,7 +113,8 @@ class Subscribers:
     def _poll(self, present: bool, reached: asyncio.Future[None]) -> None:
         """Set `reached` as soon as `self.present` is `present`; check it every `POLL_PERIOD`.
 
-        Checks are made at multiples of the period, so those of all sets wake the loop only once.
+        The checks are made at multiples of the period, so that all `Subscribers` wake the loop at
+        the same time.
         """
         if reached.done():  # cancelled
             return

@@ -32,6 +32,7 @@ class Topics:
         self._first: dict[str, tuple[Any, Converter]] = {}
         """Publisher and converter of each topic that gets its first value from RobotInfo, by the
         protobuf full name of its pushes."""
+        # RobotInfo is converted by the second function, and published by the first one
         chassis.on_snapshot(self._publish_parts, self._serialized_parts)
         for topic in TOPICS:
             if topic.on_demand:

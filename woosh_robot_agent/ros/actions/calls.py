@@ -48,7 +48,7 @@ _CANCEL_HINT = (
 
 
 class CallActionGoal:
-    """One command to an actuator or to the base.
+    """The goal to execute one command of an actuator or of the base.
 
     Args:
         arg: the command, as the client gave it.

@@ -63,6 +63,7 @@ class Cancellation:
             self._task.cancel()
 
     async def _run(self) -> None:
+        """Send the pending cancel, and decide by the answer if it has to be sent again."""
         while self.pending:  # repeat if the client has asked again, or the goal begun, meanwhile
             if await self._is_replaced():
                 return  # the cancel would hit the newer goal, and this one is over
@@ -266,6 +267,10 @@ class GiveUp:
             self._deadline = None
 
     def _count_fruitless(self, reason: str) -> str | None:
+        """Count a fruitless poll, unless a deadline is set; return the reason to give up, or None.
+
+        `reason` says why the poll was fruitless.
+        """
         if self._deadline is not None:
             return None
         now = self._clock()

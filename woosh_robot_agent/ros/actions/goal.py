@@ -146,15 +146,17 @@ class GoalTiming:
     unknown_state_poll_factor: float = 0.2
     """Factor that shortens `poll_period` while the state of the goal is unknown."""
     fruitless_polls: int = 3
-    """Number of consecutive fruitless polls after which a goal may be given up; see `GiveUp`."""
+    """Number of consecutive polls without an answer, or before the first report on the goal, after
+    which the goal may be given up."""
     first_report_timeout: float = 5.0
     """Minimum time over which polls must find a goal unknown that the chassis has accepted and not
     yet reported on. Real robots report 0.5 to 1.2 s after the acceptance."""
     unknown_polls: int = 2
     """Number of consecutive polls that must find the goal unknown to the chassis before it ends."""
     cancel_report_timeout: float = 2.0
-    """Maximum wait for the report that something was cancelled, if nothing is known to run. Real
-    robots show the effect of an order within 1.2 s."""
+    """Maximum wait for the report that something was cancelled, if nothing is known to run. After
+    the same time, an accepted goal counts as begun. Real robots show the effect of an order within
+    1.2 s."""
     result_delay: float = 0.1
     """Minimum time from the last but one feedback message to the result. rclpy's action client
     reads one feedback message in each turn. When it reads the result, it drops all feedback that it
@@ -175,7 +177,8 @@ class Attribution:
 
     Args:
         predecessors: number of earlier goals with the same name that may still be running.
-        inherited: outcomes that, if reported first, belong to an earlier goal.
+        inherited: outcomes that an earlier goal may still report. If the first end has one of them,
+            it belongs to that goal.
         repeats_ends: True if the chassis may repeat the last reported end, even if it belongs to an
             earlier goal: in the answer to a poll, or in a push.
         previous: the chassis's last report with the name before this goal, if known; only used with
@@ -217,11 +220,15 @@ class Attribution:
     def admit_polled(self, report: object, outcome: Outcome | None, phase: Phase) -> bool:
         """Decide if a report in a poll's answer is to be passed to `attribute`.
 
-        The chassis may answer with an end that it has reported before, for an earlier goal. So this
-        returns False for an end that is equal to the last report before this goal. Once this goal
-        is accepted, only the first such end is rejected: another one means that this goal has ended
-        in the same way. While this goal is not accepted, and the last report before it is not
-        known, every end is rejected. Call this once for each report of a poll.
+        The chassis may answer a poll with the end of an earlier goal, if that was its last report.
+        Therefore an end that is equal to the last report before this goal is rejected:
+
+        - always, while this goal is not accepted. If the last report before is not known, every end
+          is rejected.
+        - once, after this goal was accepted. In a later poll, an equal end means that this goal has
+          ended in the same way.
+
+        Call this once for each report of a poll.
 
         Args:
             report: the report.
@@ -248,7 +255,7 @@ class Attribution:
         return self._repeats_ends and report == self._previous
 
     def note_earlier_end(self, report: object) -> None:
-        """Note an end that is not that of this goal."""
+        """Note the end of an earlier goal, as the last report before this goal."""
         self._previous, self._was_polled = report, False
 
     def _attribute_progress(self, phase: Phase) -> bool:
@@ -256,7 +263,8 @@ class Attribution:
         if self._predecessors and not phase.accepted:
             return False  # an earlier goal may still be running
         if phase.answered:
-            # this goal runs, so the earlier ones have ended; the last one's cancel may come late
+            # this goal runs, so the earlier goals have ended; a late report may still say that the
+            # last of them was cancelled
             self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
         return True
 
@@ -273,8 +281,8 @@ class Attribution:
             return True
         if phase is Phase.RUNNING:
             return outcome not in inherited
-        # before the answer, this may be the end of an earlier goal; that of this goal is found by a
-        # later poll
+        # before the answer, this may be the end of an earlier goal; if it is the end of this goal,
+        # a later poll finds it
         return not inherited
 
 

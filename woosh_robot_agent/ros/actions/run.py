@@ -427,7 +427,7 @@ class GoalRun:
     # Polls
 
     def _cancel_refused(self) -> None:
-        """Poll the state of the goal: perhaps it has ended, and the report was lost."""
+        """After a refused cancel, poll the goal: perhaps it has ended, and the report was lost."""
         if self._attribution.has_report:
             self._poll_soon()
         else:
@@ -462,7 +462,8 @@ class GoalRun:
         for report in polled.result.reports:
             if report.message == self._last_report:
                 if report.outcome is not None:
-                    # the last task of a set: a push reports only its end, a poll that of the set
+                    # the last task of a set: its push told only the end of the task, but the poll
+                    # tells the end of the set
                     return End(report.outcome, report.message, Cause.REPORT)
                 self._note_report()
             elif self._attribution.admit_polled(report.message, report.outcome, self.phase):

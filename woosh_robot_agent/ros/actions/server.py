@@ -277,7 +277,8 @@ class GoalServer:
             if goal.is_active:
                 goal.note_cancel_request()
                 response.goals_canceling.append(goal.info)
-        if not response.goals_canceling and any(request.goal_info.goal_id.uuid):
+        names_a_goal = any(request.goal_info.goal_id.uuid)  # otherwise it selects by time, or all
+        if names_a_goal and not response.goals_canceling:
             is_known = _key(request.goal_info) in self._goals
             response.return_code = (
                 CancelGoal.Response.ERROR_GOAL_TERMINATED

@@ -45,8 +45,8 @@ async def poll_tasks(
         on_result: called once with the result, in order with the pushes.
         is_of_goal: returns True if the current task is of the goal. It may be called twice.
         read_current: reads the report on the current task, which is of the goal.
-        read_history: called with the last reports on ended tasks and the report on the current
-            task.
+        read_history: reads the last reports on ended tasks; it also gets the report on the current
+            task, which is not of the goal.
 
     Raises:
         LinkError: the chassis did not answer.
@@ -84,7 +84,7 @@ OUTCOMES = {
 
 
 class TaskSetGoal:
-    """A predefined task set.
+    """The goal to execute a predefined task set.
 
     Args:
         arg: the command, as the client gave it.
@@ -204,7 +204,7 @@ def unused_task_ids() -> Iterator[int]:
 
 
 class TaskGoal:
-    """A task.
+    """The goal to execute a single task.
 
     Args:
         arg: the command, as the client gave it.

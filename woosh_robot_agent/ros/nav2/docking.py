@@ -114,7 +114,8 @@ class DockRobot(_Docking):
 
         def tick() -> None:
             reasons = self.context.objections_except_busy
-            # not `is_ending`: the service `stop` ends the goal, but may only have paused the task
+            # `is_cancelled`, not `is_ending`: after the service `stop`, the goal is ending, but its
+            # task may only be paused, and must then be cancelled
             if is_paused and reasons and not goal.is_cancelled:
                 # the task could stay paused for ever, or the robot could later drive on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))

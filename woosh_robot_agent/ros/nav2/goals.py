@@ -211,9 +211,10 @@ class Nav2Goal:
         self._goal.feedback(self._feedback_class(**fields))
 
     def send_no_more(self, reason: GoalEnd) -> None:
-        """End the goal for a reason, unless it is already ending. Do not cancel the chassis's goal.
+        """End the goal for a reason, unless it is already ending, but cancel nothing.
 
-        If the chassis executes a goal for this one, this one ends when that has ended.
+        If the chassis executes a command for the goal, the goal ends when the command has ended. No
+        further command is sent.
         """
         if not self.is_ending:
             self._reason.set_result(reason)
@@ -303,7 +304,7 @@ class Nav2Goal:
         if end.outcome is Outcome.CANCELED:
             await self._context.pose.wait_until_standing()
             raise reason
-        if str(reason) == _REPLACED:
+        if str(reason) == _REPLACED:  # a newer navigation replaces this one without a cancel
             raise reason
         # the cancel had no effect: the text of the failure says that the robot may go on
         raise await self._failure(end, sent)
@@ -311,7 +312,8 @@ class Nav2Goal:
     def _decided(self, accepted: asyncio.Future[bool]) -> None:
         """Handle that the chassis has accepted a command of this goal, or never will.
 
-        An accepted command has replaced the older navigation; otherwise, that must be stopped.
+        If it was accepted, it has replaced the older navigation. Otherwise, the older navigation
+        must be stopped.
         """
         if not accepted.result():
             self._stop_older()
@@ -323,7 +325,7 @@ class Nav2Goal:
             self._older.stop(GoalEnd(_REPLACED))
 
     async def _failure(self, end: End, sent: float) -> FailedCommand:
-        """Return the failure of a command that was sent at a loop time."""
+        """Return the failure of a command; `sent` is the loop time at which it was sent."""
         is_cancelled = getattr(end.result, "state", None) in _CANCELLED
         return FailedCommand(end, await self._context.cancels.source(sent) if is_cancelled else "")
 
@@ -541,7 +543,7 @@ class Nav2Action(ABC):
             goal.finish(GoalEnd(STOPPING))
 
     def log_unused(self, request: Any, field: str, default: Any = "") -> None:
-        """Log once that a field has no effect, if the request sets it to another value."""
+        """Log once that a field has no effect, if a request sets it to other than its default."""
         if getattr(request, field, default) != default and field not in self._logged_fields:
             self._logged_fields.add(field)
             _LOG.info("%s: %s has no effect: the robot plans by itself", self.name, field)

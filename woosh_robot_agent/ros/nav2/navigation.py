@@ -269,6 +269,12 @@ class NavigateThroughPoses(_Navigation):
     async def _drive(
         self, goal: Nav2Goal, command: MoveBase, poses: Sequence[PoseStamped], progress: Progress
     ) -> None:
+        """Let the chassis drive through the poses.
+
+        Raises:
+            GoalEnd: the goal is not reached. If the chassis refuses very many poses, the text says
+                that their number may be the reason.
+        """
         try:
             await goal.run_command(command, tick=lambda: self._publish(goal, poses, progress))
         except FailedCommand as failure:

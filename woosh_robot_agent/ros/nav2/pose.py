@@ -64,14 +64,13 @@ class RobotPose:
         return message
 
     async def wait_until_standing(self) -> None:
-        """Wait until the robot stands, at most `_MAX_WAIT`."""
+        """Wait until the robot stands, or sends no report for `_SILENCE`; at most `_MAX_WAIT`."""
         clock = asyncio.get_running_loop().time
         started = now = clock()
-        while (
-            self.velocity.moving
-            and now - max(self.received, started) < _SILENCE  # silence counts from the call on
-            and now - started < _MAX_WAIT
-        ):
+        while self.velocity.moving:
+            is_silent = now - max(self.received, started) >= _SILENCE  # silence since the call
+            if is_silent or now - started >= _MAX_WAIT:
+                return
             await asyncio.sleep(_CHECK_PERIOD)
             now = clock()
 

@@ -92,7 +92,8 @@ class CmdVel(Part):
         now = time.monotonic()
         are_several = self._publishers.observe(info.get("publication_sequence_number"), now)
         velocities = self._context.watch.velocities
-        if are_several and velocities.are_driving(now) and now - self._reported > _REPORT_PERIOD:
+        is_due = now - self._reported > _REPORT_PERIOD
+        if is_due and are_several and velocities.are_driving(now):
             self._reported = now
             velocities.report(*self._publisher_names())
 
@@ -104,7 +105,7 @@ class CmdVel(Part):
 
 
 def stamp_objection(context: PartContext, message: TwistStamped) -> str:
-    """Return why a velocity is not sent because of its stamp; empty if it may be."""
+    """Return why a velocity is not sent because of its stamp; empty if it may be sent."""
     twist, stamp = message.twist, message.header.stamp
     if not any((twist.linear.x, twist.linear.y, twist.angular.z)):
         return ""  # a zero always stops the robot

@@ -87,6 +87,7 @@ class GrowingMap:
         self._set_state(info.state)
 
     def _set_state(self, state: robot.State) -> None:
+        """Note the robot's state. A state that is neither mapping nor vague ends the map."""
         self._state = state
         if state == robot.kMapping:
             self._was_active = True
@@ -98,6 +99,7 @@ class GrowingMap:
                 self._on_end()
 
     def _pushed(self, body: Body) -> None:
+        """Keep a report of the map; without subscribers, end the subscription to the reports."""
         if not self._subscribers.present:
             if self._unsubscribe is not None:
                 self._unsubscribe()
@@ -221,7 +223,8 @@ class Map(Part):
             self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
             return
         mask = await self._keepout_mask(area, message)
-        if epoch is not self._epoch or used != self._used or self._growing.active:
+        is_outdated = epoch is not self._epoch or used != self._used
+        if is_outdated or self._growing.active:
             return
         self._publisher.publish(message)
         if mask is not None:

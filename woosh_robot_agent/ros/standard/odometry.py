@@ -79,8 +79,8 @@ HORIZON = 0.3
 _BLEND = 0.15
 """Time over which the error of a prediction is blended out, in seconds."""
 _FIRST_STEP = 0.05
-"""Maximum time by which blending has begun before the first prediction from a report, in seconds.
-A longer time would make that prediction jump."""
+"""Maximum time that has passed since blending began at the first prediction from a report, in
+seconds. A longer time would make that prediction jump."""
 _LONGEST_PAUSE = 1.5
 """Maximum time between two predictions that must not differ by a jump, in seconds."""
 _MIN_REPORT_INTERVAL = 0.01
@@ -293,7 +293,7 @@ _POSE_SET_TOLERANCE = 0.01
 _POSE_SET_TOLERANCE_AT_REST = 1e-4
 """`_POSE_SET_TOLERANCE` for a standing robot."""
 _MIN_SIDEWAYS = 0.004
-"""Sideways movement up to which it may only be due to an inexact curve, in metres."""
+"""Maximum sideways movement that counts as the inexactness of a curve, in metres."""
 
 
 class Odometry:
@@ -327,7 +327,10 @@ class Odometry:
         """Time until which a report may show the jump to a pose that was set."""
 
     def continue_from(self, pose: Pose2D) -> None:
-        """Continue from a pose in `odom` after missed reports: the next one is no movement."""
+        """Continue from a pose in `odom` after missed reports.
+
+        The difference between the last report and the next one does not count as movement.
+        """
         self._is_comparable = False
         self.pose = pose
 
@@ -470,6 +473,7 @@ class Odometry:
         turn_margin = abs(after.turn - before.turn) * interval / 2
         position_tolerance = _POSITION_TOLERANCE + forward_margin
         heading_tolerance = _HEADING_TOLERANCE + turn_margin
+        sideways_tolerance = _SIDEWAYS_TOLERANCE + abs(self._sideways) * interval
         # If the speed has changed, the derived duration is inexact. What was predicted from this
         # duration, i.e. the position of a robot that mostly turns, otherwise the heading, gets a
         # wider tolerance.
@@ -482,5 +486,5 @@ class Odometry:
         return (
             abs(error.x) > position_tolerance
             or abs(error.theta) > heading_tolerance
-            or abs(error.y) > _SIDEWAYS_TOLERANCE + abs(self._sideways) * interval
+            or abs(error.y) > sideways_tolerance
         )

@@ -127,6 +127,7 @@ class Scan(Part):
         return message
 
     def _publish_laser_pose(self, tf_static: Any, data: ScannerDataProto) -> None:
+        """Publish the laser's pose in a scan, unless it is missing, or has been published."""
         if not data.HasField("offset"):
             return
         try:

@@ -62,11 +62,10 @@ class CommandError(ValueError):
 
 
 def number(args: Args, name: str, limit: float, least: float | None = None) -> float:
-    """Return an argument.
+    """Return an argument that is a number from `least`, by default -`limit`, to `limit`.
 
     Raises:
-        CommandError: it is missing, or not a number from `least` to `limit`. By default, `least` is
-            -`limit`.
+        CommandError: it is missing or something else.
     """
     value, least = args.get(name), -limit if least is None else least
     valid = isinstance(value, int | float) and not isinstance(value, bool)
@@ -95,7 +94,7 @@ def _text(args: Args, name: str) -> str:
     """Return an argument that is a text of at most `_MAX_TEXT` characters.
 
     Raises:
-        CommandError: it is missing or something else.
+        CommandError: it is missing or something else, or it has a character that is not text.
     """
     text = args.get(name)
     if not isinstance(text, str) or len(text) > _MAX_TEXT or any(map(_is_no_text, text)):

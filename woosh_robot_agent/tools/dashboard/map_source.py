@@ -142,7 +142,8 @@ class MapSource:
 
     def _update_list(self) -> None:
         loop = asyncio.get_running_loop()
-        if loop.time() < self._list_at or (self._list_task and not self._list_task.done()):
+        is_busy = self._list_task is not None and not self._list_task.done()
+        if is_busy or loop.time() < self._list_at:
             return
         self._list_at = loop.time() + _LIST_PERIOD
         self._list_task = loop.create_task(self._request_list(), name="scenes")

@@ -127,8 +127,8 @@ class Robot:
         """Times of the status codes on this computer's clock, as Unix time in ms, by `code_key`."""
         self._fastest = 0.0
         """Greatest speed since the last sample, in m/s."""
-        self._path_origin: tuple[Any, ...] = ()
-        """Value of `_origin` when the last path was received; empty before."""
+        self._path_link_and_map: tuple[Any, ...] = ()
+        """Value of `_link_and_map` when the last path was received; empty before."""
         for name, source in (
             ("pose", lambda: part_data.pose_data(self.view.info)),
             ("robot", lambda: part_data.robot_data(self.view)),
@@ -192,14 +192,16 @@ class Robot:
         return self.view.info.scene, self.view.info.state == robot.kMapping
 
     @property
-    def _origin(self) -> tuple[Any, ...]:
-        """Number of connections so far, scene, map and its version.
-
-        A path is valid while they stay the same.
-        """
+    def _link_and_map(self) -> tuple[Any, ...]:
+        """Number of connections so far, scene, map and its version."""
         scene = self.view.info.scene
         connects = self.chassis.stats.connects
         return connects, scene.scene_name, scene.map_name, scene.version
+
+    @property
+    def _is_path_valid(self) -> bool:
+        """True if the last path was received on this link, for the map that the robot uses now."""
+        return self._path_link_and_map == self._link_and_map
 
     @property
     def history(self) -> dict[str, Any]:
@@ -235,7 +237,7 @@ class Robot:
     def _received(self, message: Message) -> None:
         self.view.update(message)
         if isinstance(message, NavPath):
-            self._path_origin = self._origin
+            self._path_link_and_map = self._link_and_map
         elif isinstance(message, RobotInfo):  # a new link: actions may have ended unseen
             self.view.actions.clear()
         self._note_code_times()
@@ -308,14 +310,14 @@ class Robot:
         return [moment, speed, battery, delay, charging]
 
     async def _update_map_and_path(self) -> None:
-        """Keep the map up to date, and request a path that the robot has pushed before."""
+        """Keep the map up to date, and request the path that the robot follows if it is unknown."""
         asking: asyncio.Task[None] | None = None
         while True:
             # also for a robot that nobody watches: its link may be lost when somebody watches it
             await self._shared.wait_watched()
             self.map.update(*self._map_use)
             # robots push the path only when it changes, which may have been before the connection
-            lacks_path = part_data.may_navigate(self.view) and self._path_origin != self._origin
+            lacks_path = part_data.may_navigate(self.view) and not self._is_path_valid
             if self.parts.watched and lacks_path and (asking is None or asking.done()):
                 asking = asyncio.create_task(self._ask(NavPath), name="path")
             await asyncio.sleep(_MAP_PERIOD)
@@ -376,7 +378,7 @@ class Robot:
         return answer.body if answer.ok and isinstance(answer.body, cls) else None
 
     def _path_data(self) -> list[list[float]]:
-        return part_data.path_data(self.view) if self._path_origin == self._origin else []
+        return part_data.path_data(self.view) if self._is_path_valid else []
 
     def _link_data(self) -> dict[str, Any]:
         """Return the state of the link.

@@ -77,7 +77,10 @@ class StopAlarm:
             self._reason = ""
 
     def _may_move(self) -> bool:
-        """Return True unless the robot reports that it stands where it stood, without an action."""
+        """Return False only if the robot reports no action, no speed, and still the same pose.
+
+        The pose is compared with that at `_maybe_moving_at`.
+        """
         view, former = self._robot.view, self._pose
         if any(
             each.action in ACTIONS and each.state in EXECUTING for each in view.actions.values()

@@ -47,7 +47,8 @@ class Viewer:
         heard_at: loop time of the last message from the page, or of its connection; updated by the
             server.
         press: number of the last press of the stick; -1 before the first.
-        press_clock: newest time that the page knew when this press began, in milliseconds.
+        press_clock: newest time of this process that the page knew when this press began, in
+            milliseconds.
         ended_press: number of the last press of the stick that has ended, -1 before; see `Control`.
     """
 
