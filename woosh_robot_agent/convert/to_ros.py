@@ -65,6 +65,7 @@ def scalar_conversion(field: Any) -> tuple[str, Callable[[Any], Any]]:
     if kind == FieldDescriptor.CPPTYPE_BOOL:
         return "type(v) is bool", read
     if kind == FieldDescriptor.CPPTYPE_STRING:
+        # other texts may have lone surrogates, which `read` refuses
         return "type(v) is str and v.isascii()", read
     least, most = _INTEGERS[kind]
 

@@ -177,7 +177,7 @@ class SpeedLimiter:
             self._send()
 
     def _begin(self) -> None:
-        """Note that a navigation begins."""
+        """Note that a navigation begins: a limit that was sent before must be sent again."""
         self.refusal = ""
         if self._sent != math.inf:
             self._sent = _UNKNOWN
