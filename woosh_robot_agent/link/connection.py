@@ -155,7 +155,7 @@ class Liveness:
         self._alive_at = self._now()
 
     async def watch(self) -> None:
-        """Watch the connection for as long as the other end is alive.
+        """Watch the connection for as long as the other end is alive; probe it while it is silent.
 
         Raises:
             ConnectionLostError: the other end is no longer alive.

@@ -332,7 +332,7 @@ class MotionGate:
         ]
         until = asyncio.get_running_loop().time() + self.timing.effect
         while running := tuple(filter(self._reported_owner.moves, refused)):
-            # it may have ended already, and the report of its end may still be on its way
+            # each of them may have ended already, with the report of its end still on its way
             if asyncio.get_running_loop().time() > until:
                 break
             await asyncio.sleep(_CHECK_PERIOD)
@@ -561,9 +561,12 @@ class MotionGate:
         is_from_just_before_stop = stopped - effect < oldest and newest < stopped
         if is_from_just_before_stop and time.monotonic() < stopped + effect:
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
-        if not drives or time.monotonic() < self._wheels_taken + self.timing.driving:
-            # This gate sent the start, and has noted it when the chassis accepted it. A velocity
-            # that was sent between the acceptance and this report drives the robot.
+        if not drives:
+            return
+        was_started_here = time.monotonic() < self._wheels_taken + self.timing.driving
+        if was_started_here:
+            # `_note_accepted` has ended the velocities before the start; one that was sent between
+            # the acceptance and this report drives the robot
             return
         if self._velocities.in_flight:  # the last one may have come before or after the start
             self._unanswered_at_start = self._last_velocity
