@@ -440,6 +440,7 @@ class ReconnectLoop:
             )
         except BaseException as error:
             self.connection = None
+            # any other error is the cancellation of this task, or a defect
             cause = error if isinstance(error, LinkError) else NotConnectedError("given up")
             await connection.close(cause)
             raise

@@ -322,12 +322,12 @@ class Standstill:
                 self._demand = None
             return
         demand.begun = True
-        self._set_standing(
-            demand,
-            may_stand=report.state != task_pb2.kExecuting
-            or report.action.type not in _DRIVING_ACTIONS
-            or report.action.state != action_pb2.kRosExecuting,
+        should_move = (
+            report.state == task_pb2.kExecuting
+            and report.action.type in _DRIVING_ACTIONS
+            and report.action.state == action_pb2.kRosExecuting
         )
+        self._set_standing(demand, may_stand=not should_move)
 
     def _action_reported(self, reports: Feedbacks) -> None:
         """Note whether the action that is observed drives the robot now, or has ended."""
