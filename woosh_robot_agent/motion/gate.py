@@ -276,7 +276,7 @@ class MotionGate:
 
         Raises:
             SupersededError: the rules forbid sending it; nothing was sent.
-            LinkError: as in `ChassisClient.request`.
+            LinkError: no answer arrived; `ChassisClient.request` lists the classes.
         """
         how = Sending(timeout, urgent=urgent, tap=tap)
         requested = asyncio.get_running_loop().time()
@@ -437,7 +437,7 @@ class MotionGate:
 
         Raises:
             SupersededError: the rules forbid it now.
-            LinkError: as in `ChassisClient.request`.
+            LinkError: no answer arrived; `ChassisClient.request` lists the classes.
         """
         self._chassis.check_permitted(message)  # first: a velocity that is not sent does not drive
         moves = may_move(message)

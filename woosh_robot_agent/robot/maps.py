@@ -205,7 +205,7 @@ async def scene_data(chassis: ChassisClient, scene_name: str) -> SceneData:
     """Request a scene with all of its maps.
 
     Raises:
-        LinkError: as in `ChassisClient.request`.
+        LinkError: there is no answer from the chassis.
         MapError: the chassis refuses, or sends something else.
     """
     answer = await chassis.request(SceneData(name=scene_name))

@@ -262,7 +262,8 @@ class Standstill:
 
     def _check(self, demand: _Demand, since: float) -> None:
         """Warn if the robot should have moved since a loop time, and has not."""
-        if demand is not self._demand or demand.since != since or demand.warned:
+        is_still_expected = demand is self._demand and demand.since == since
+        if not is_still_expected or demand.warned:
             return
         if demand.is_velocity and self._chassis.refusal(Twist()):
             self._demand = None  # the agent has stopped the robot, and only observes it
