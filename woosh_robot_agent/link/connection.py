@@ -75,7 +75,7 @@ class Expiry:
         self._expire = expire
         self._timer: asyncio.TimerHandle | None = None
         self._at = math.inf
-        """Loop time of the timer."""
+        """Loop time of the timer; infinite without one."""
 
     def watch(self, deadline: float) -> None:
         """Add a deadline, in loop time."""

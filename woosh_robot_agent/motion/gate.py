@@ -233,8 +233,8 @@ class MotionGate:
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
         self._unanswered_at_start: Twist | None = None
-        """The last velocity, if the chassis may have got it after the start of a task or action.
-        If it is refused, it does not drive the robot."""
+        """The last velocity, if the chassis may have got it after the start of a task or action, or
+        None. If the chassis refuses this velocity, none drives the robot."""
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
