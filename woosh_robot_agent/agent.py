@@ -250,7 +250,7 @@ class Heap:
     A large frame is copied several times on its way. Getting new memory from the system for each
     copy would take several times as long as the copying. Therefore the heap keeps freed memory, and
     `trim` returns it to the system shortly afterwards. All threads share one heap, because glibc
-    can only trim the first one.
+    returns the unused end of the first one only.
 
     Does nothing with other C libraries than glibc 2.33 and later.
     """

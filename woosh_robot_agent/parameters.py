@@ -120,7 +120,11 @@ class Parameter:
 def parameter_field(
     default: Any, description: str, low: float = 0, high: float = 0, *, read_only: bool = False
 ) -> Any:
-    """Return a dataclass field that declares the parameter of the same name; see `Parameter`."""
+    """Return a dataclass field that declares the parameter of the same name.
+
+    The arguments are attributes of `Parameter`.
+    """
+    # `parameters_of` sets the name
     parameter = Parameter("", default, description, low, high, read_only)
     return dataclasses.field(default=default, metadata={"parameter": parameter})
 

@@ -144,6 +144,7 @@ def _numbers_writer(code: str) -> _Write:
 
 
 def _write_text(out: bytearray, text: str) -> None:
+    """Append a text to a buffer: the size with the final null byte, the UTF-8, and that byte."""
     data = text.encode()
     out += _COUNT(len(out) & 7).pack(len(data) + 1)
     out += data

@@ -65,6 +65,7 @@ def scalar_conversion(field: Any) -> tuple[str, Callable[[Any], Any]]:
     if kind == FieldDescriptor.CPPTYPE_BOOL:
         return "type(v) is bool", read
     if kind == FieldDescriptor.CPPTYPE_STRING:
+        # other texts may have lone surrogates, which `read` refuses
         return "type(v) is str and v.isascii()", read
     least, most = _INTEGERS[kind]
 
@@ -304,7 +305,8 @@ def _set(
             value = f"({value}) & 0xFFFFFFFF"
     if optional:
         value = f"{blank} if v is None else {value}"
-    if field.enum_type is not None and items is None and "/" in ros_type:  # an enum message
+    is_enum_message = field.enum_type is not None and items is None and "/" in ros_type
+    if is_enum_message:
         source.add(f"v = {value}")
         enum = MessageSource(source, "e", class_of(ros_type))
         enum.set("value", "v")

@@ -212,8 +212,8 @@ class ChassisClient:
             SupersededError: the request was withdrawn or waited too long; it was not sent.
             RequestTimeoutError: no answer arrived in time.
             ConnectionLostError: the link went down before the answer arrived.
-            NotPermittedError: see `permit_only`; nothing was sent.
-            RuntimeError: the request is reserved; see `reserve`.
+            NotPermittedError: `permit_only` excludes the request; nothing was sent.
+            RuntimeError: another object has reserved the request with `reserve`.
         """
         return await self.send(message, Sending(timeout, first=first, tap=tap))
 
@@ -221,7 +221,8 @@ class ChassisClient:
         """Send a request as `request` does, with all options.
 
         Raises:
-            LinkError, RuntimeError: as `request`.
+            LinkError: the request was not sent, or no answer arrived; `request` lists the classes.
+            RuntimeError: another object has reserved the request with `reserve`.
         """
         if self._reserved is not None and self._reserved(message):
             raise RuntimeError(
@@ -278,7 +279,7 @@ class ChassisClient:
         """Raise an error if a request may not be sent.
 
         Raises:
-            NotPermittedError: see `permit_only`.
+            NotPermittedError: `permit_only` excludes the request.
         """
         if reason := self.refusal(message):
             raise NotPermittedError(NAMED_NOT_SENT(name=full_name(message), reason=reason))
@@ -329,7 +330,7 @@ class ChassisClient:
         callback: Callable[[Any], None],
         prepare: Callable[[Body], Any] = _unchanged,
     ) -> Callable[[], None]:
-        """Call `callback` in the event loop with each push of `cls`, not decoded yet.
+        """Call `callback` in the event loop with each push of `cls`, as a `Body`.
 
         If `prepare` or `callback` cannot read the body, and so raises a FrameError, the subscribers
         after it do not get that push.
@@ -337,8 +338,9 @@ class ChassisClient:
         Args:
             cls: class of the pushes.
             callback: called with what `prepare` returns; must not block.
-            prepare: converts a push for the callback; by default it stays as it is. A large push
-                is converted in another thread, so that it does not hold up the event loop.
+            prepare: converts the `Body` of a push for the callback; by default it stays as it is.
+                A large push is converted in another thread, so that it does not hold up the event
+                loop.
 
         Returns:
             A function that ends the subscription.
@@ -350,7 +352,8 @@ class ChassisClient:
         if name not in message_types():
             raise ValueError(f"{name} is not a message of the chassis")
         consumer = Consumer(callback, prepare)
-        if self._subscriptions.add(name, consumer) and self._connection is not None:
+        is_first = self._subscriptions.add(name, consumer)
+        if is_first and self._connection is not None:
             self._connection.subscribe([name], on=True)
         ended = False
 
@@ -359,7 +362,8 @@ class ChassisClient:
             if ended:
                 return
             ended = True
-            if self._subscriptions.remove(name, consumer) and self._connection is not None:
+            was_last = self._subscriptions.remove(name, consumer)
+            if was_last and self._connection is not None:
                 self._connection.subscribe([name], on=False)
 
         return unsubscribe

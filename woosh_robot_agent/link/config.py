@@ -89,8 +89,8 @@ class LinkConfig:
             `backoff_min`.
         max_frame_size: largest frame that is read, in bytes.
         max_in_flight: maximum number of requests in flight.
-        push_queue: maximum number of queued status codes, task reports or feedbacks, for slow
-            consumers.
+        push_queue: maximum number of pushes that are queued for slow consumers, for each of these
+            types: status codes, task reports, feedbacks.
         robot_id: id of the robot behind a gateway, for the link's own requests; 0 sends no id.
 
     Raises:

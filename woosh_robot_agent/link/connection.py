@@ -75,7 +75,7 @@ class Expiry:
         self._expire = expire
         self._timer: asyncio.TimerHandle | None = None
         self._at = math.inf
-        """Loop time of the timer."""
+        """Loop time of the timer; infinite without one."""
 
     def watch(self, deadline: float) -> None:
         """Add a deadline, in loop time."""
@@ -137,8 +137,8 @@ class Liveness:
         self._sent = sent
         self._loop_time = asyncio.get_running_loop().time
         self._latest = self._loop_time()
-        """Time at which the current wait should have ended; there, the clock stands still until
-        the next wait."""
+        """Time at which the clock stops until the next wait: the planned end of the current wait,
+        and a margin."""
         self._busy = 0.0
         """Total time for which the clock stood still, in seconds."""
         self._alive_at = self._now()
@@ -155,7 +155,7 @@ class Liveness:
         self._alive_at = self._now()
 
     async def watch(self) -> None:
-        """Watch the connection for as long as the other end is alive.
+        """Watch the connection for as long as the other end is alive; probe it while it is silent.
 
         Raises:
             ConnectionLostError: the other end is no longer alive.
@@ -202,7 +202,8 @@ class Liveness:
             ConnectionLostError: the other end has stopped reading.
         """
         now = self._now()
-        self._alive_at = max(self._alive_at, min(self._transport.progress_at - self._busy, now))
+        progress_at = min(self._transport.progress_at - self._busy, now)  # by this clock
+        self._alive_at = max(self._alive_at, progress_at)
         sent, backlog = self._sent(), self._transport.backlog()
         has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before
         self._sent_before, self._backlog_before = sent, backlog
@@ -382,7 +383,7 @@ class Connection:
 
         Raises:
             NotConnectedError: the connection has ended; nothing was sent.
-            LinkError: as in `ChassisClient.request`.
+            LinkError: no answer arrived; `ChassisClient.request` lists the classes.
         """
         name = full_name(message)
         if self._cause is not None:
@@ -469,7 +470,7 @@ class Connection:
         self._cause = cause
         for pending in self._pending.values():
             if not pending.future.done():
-                # a separate error for each: a raised one keeps its caller's frames alive
+                # a separate error for each: a raised one keeps the variables of its caller alive
                 pending.future.set_exception(type(cause)(said_by(cause)))
         self._outbox.clear()
         if not self.ended.done():
@@ -604,7 +605,7 @@ class Connection:
                     self._receive(self._codec.decode(data), alone=self._transport.waited)
                 else:
                     await self._receive_aside(data)
-                    if not self.reads_ahead:
+                    if not self.reads_ahead:  # during the handshake
                         await asyncio.wait(self._aside_tasks)
             except FrameError as error:
                 self._count_bad(error)

@@ -191,6 +191,8 @@ class Body:
     def as_type(self, name: str) -> Body:
         """Return the same content as the body of another type.
 
+        For answers of a chassis that labels them with the type of the request.
+
         Args:
             name: protobuf full name of that type.
         """

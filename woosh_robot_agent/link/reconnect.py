@@ -255,7 +255,7 @@ async def handshake(
         robot = _sender(answer)
         if _is_other(robot, expected):
             raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
-        subscriptions.release()
+        subscriptions.release()  # `put_snapshot` has done so, unless the RobotInfo is unreadable
         return expected if robot is None else robot.completed_by(expected)
     finally:
         subscriptions.discard_held()
@@ -422,7 +422,7 @@ class ReconnectLoop:
         """Return a connection after its handshake.
 
         Raises:
-            LinkError: as `open_link` and `handshake`.
+            LinkError: no connection was opened, or its handshake failed.
         """
         transport = await open_link(config)
         codec = client_codec(config)
@@ -440,6 +440,7 @@ class ReconnectLoop:
             )
         except BaseException as error:
             self.connection = None
+            # any other error is the cancellation of this task, or a defect
             cause = error if isinstance(error, LinkError) else NotConnectedError("given up")
             await connection.close(cause)
             raise

@@ -212,7 +212,7 @@ class TcpServerTransport(TcpTransport):
     async def send_raw(self, data: bytes) -> None:
         await self._write(data)
 
-    # the transport of the writer serves both directions
+    # asyncio's transport of the writer also reads
 
     def pause(self) -> None:
         self._writer.transport.pause_reading()  # type: ignore[attr-defined]
@@ -222,7 +222,17 @@ class TcpServerTransport(TcpTransport):
 
 
 async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) -> Listener:
-    """Listen for TCP clients; arguments and errors are those of `serve_websocket`."""
+    """Listen for TCP clients.
+
+    Args:
+        handler: serves one connection.
+        host: the address to listen on.
+        port: the port to listen on; 0 takes a free port.
+        max_size: largest frame that is read, in bytes.
+
+    Raises:
+        OSError: the address or the port cannot be used.
+    """
 
     async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await handler(TcpServerTransport(reader, writer, max_size))

@@ -103,7 +103,7 @@ class PushQueue:
         return pushes
 
     def _discard_oldest(self, name: str) -> None:
-        """Remove the oldest push of a type to make room for a new one, so `_waiting` stays."""
+        """Remove the oldest push of a type; `_waiting` stays, because a new one takes its place."""
         for index, (queued, _) in enumerate(self._queue):
             if queued == name:
                 del self._queue[index]
@@ -114,7 +114,7 @@ _TIME_SLICE = 0.005
 """Time after which the delivery lets other tasks run, in seconds, so that slow consumers do not
 starve them."""
 _ANSWER = "answer"
-"""Type under which answers are queued."""
+"""Type under which answers, and the calls of `put_call`, are queued."""
 _SNAPSHOT = "snapshot"
 """Type under which the first RobotInfo of a link is queued."""
 
@@ -355,6 +355,7 @@ class Subscriptions:
             call_logged(consumer.callback, prepared)
 
     def _count_bad(self, name: str, error: FrameError) -> None:
+        """Count and log a push of type `name` that cannot be read."""
         self._stats.bad_frames[error.kind] += 1
         self._log.warn(f"bad push: {name}", f"skipped a push ({error.kind}): {error}")
 

@@ -81,7 +81,7 @@ class Transport(FrameConnection, Protocol):
 
     @property
     def progress_at(self) -> float:
-        """Loop time of the last progress, made with each `_PROGRESS` bytes; 0 before the first."""
+        """Loop time at which another `_PROGRESS` bytes had arrived; 0 before the first ones."""
 
     @property
     def received(self) -> int:

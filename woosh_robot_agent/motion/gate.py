@@ -233,8 +233,8 @@ class MotionGate:
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
         self._unanswered_at_start: Twist | None = None
-        """The last velocity, if the chassis may have got it after the start of a task or action.
-        If it is refused, it does not drive the robot."""
+        """The last velocity, if the chassis may have got it after the start of a task or action, or
+        None. If the chassis refuses this velocity, none drives the robot."""
         self._drives_until = -math.inf
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
@@ -276,7 +276,7 @@ class MotionGate:
 
         Raises:
             SupersededError: the rules forbid sending it; nothing was sent.
-            LinkError: as in `ChassisClient.request`.
+            LinkError: no answer arrived; `ChassisClient.request` lists the classes.
         """
         how = Sending(timeout, urgent=urgent, tap=tap)
         requested = asyncio.get_running_loop().time()
@@ -332,7 +332,7 @@ class MotionGate:
         ]
         until = asyncio.get_running_loop().time() + self.timing.effect
         while running := tuple(filter(self._reported_owner.moves, refused)):
-            # an earlier cancel may have ended it already, and the report be on its way
+            # each of them may have ended already, with the report of its end still on its way
             if asyncio.get_running_loop().time() > until:
                 break
             await asyncio.sleep(_CHECK_PERIOD)
@@ -437,7 +437,7 @@ class MotionGate:
 
         Raises:
             SupersededError: the rules forbid it now.
-            LinkError: as in `ChassisClient.request`.
+            LinkError: no answer arrived; `ChassisClient.request` lists the classes.
         """
         self._chassis.check_permitted(message)  # first: a velocity that is not sent does not drive
         moves = may_move(message)
@@ -456,30 +456,47 @@ class MotionGate:
         except (NotConnectedError, SupersededError, TooManyRequestsError):  # nothing was sent
             self._forget_start(started, sent)
             raise
-        if not answer.ok:
+        if answer.ok:
+            self._note_accepted(message, velocity_before)
+        else:
             self._forget_start(started, sent)
-            # rule 6: the start has ended all earlier velocities, and this later one was refused;
-            # after any other refusal, an earlier velocity may still drive the robot
-            if message is self._unanswered_at_start and message is self._last_velocity:
-                self._drives_until = -math.inf
-            return answer
+            self._note_refused(message)
+        return answer
+
+    def _note_accepted(self, message: Message, velocity_before: Twist) -> None:
+        """Note whether a velocity still drives the robot after an accepted motion command.
+
+        Args:
+            message: the command.
+            velocity_before: the last velocity that was sent before the command.
+        """
         if takes_wheels(message):  # rule 6
             self._wheels_taken = time.monotonic()
             if self._last_velocity is velocity_before:
                 self._drives_until = -math.inf
             else:  # the last velocity was sent after this command
                 self._unanswered_at_start = self._last_velocity
-        elif message is self._last_velocity and not moves:  # an accepted zero
+        elif message is self._last_velocity and not may_move(message):  # a zero
             self._drives_until = -math.inf
-        return answer
+
+    def _note_refused(self, message: Message) -> None:
+        """Note whether a velocity still drives the robot after a refused motion command."""
+        # rule 6: the start of a task or action has ended all earlier velocities, and this later one
+        # was refused; after any other refusal, an earlier velocity may still drive the robot
+        if message is self._unanswered_at_start and message is self._last_velocity:
+            self._drives_until = -math.inf
 
     def _recent_starts(self, started: str) -> list[float]:
-        """Return the times in `_starts` that may still matter after a stop."""
+        """Return the times in `_starts` that may still matter after a stop.
+
+        A stop may come up to `effect` after a start, and the report of the start up to `effect`
+        after the stop.
+        """
         oldest = time.monotonic() - 2 * self.timing.effect
         return [each for each in self._starts.get(started, ()) if each > oldest]
 
     def _forget_start(self, started: str, sent: float) -> None:
-        """Note that a command that was sent at `sent` starts nothing."""
+        """Remove the command that was sent at `sent` from `_starts`: it starts nothing."""
         self._starts[started] = [each for each in self._recent_starts(started) if each != sent]
 
     def refusal(self, published: float | None) -> str:
@@ -544,9 +561,12 @@ class MotionGate:
         is_from_just_before_stop = stopped - effect < oldest and newest < stopped
         if is_from_just_before_stop and time.monotonic() < stopped + effect:
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
-        if not drives or time.monotonic() < self._wheels_taken + self.timing.driving:
-            # This gate sent the start, and has noted it when the chassis accepted it. A velocity
-            # that was sent between the acceptance and this report drives the robot.
+        if not drives:
+            return
+        was_started_here = time.monotonic() < self._wheels_taken + self.timing.driving
+        if was_started_here:
+            # `_note_accepted` has ended the velocities before the start; one that was sent between
+            # the acceptance and this report drives the robot
             return
         if self._velocities.in_flight:  # the last one may have come before or after the start
             self._unanswered_at_start = self._last_velocity

@@ -177,7 +177,7 @@ class SpeedLimiter:
             self._send()
 
     def _begin(self) -> None:
-        """Note that a navigation begins."""
+        """Note that a navigation begins: a limit that was sent before must be sent again."""
         self.refusal = ""
         if self._sent != math.inf:
             self._sent = _UNKNOWN
@@ -200,7 +200,8 @@ class SpeedLimiter:
     async def _send_limit(self, navigation: int, limit: float) -> None:
         """Send a limit.
 
-        A refusal ends the attempts for this navigation, unless the limit has changed meanwhile.
+        A refusal ends the attempts for this navigation. It does not matter if the robot navigates
+        to something else by then, or the limit has changed.
 
         Args:
             navigation: the navigation to limit: the value of `_navigation` before the request.
@@ -220,7 +221,8 @@ class SpeedLimiter:
         if answer.ok:
             return
         self._note_sent(_UNKNOWN)
-        if limit != self._limit or navigation != self._navigation:
+        is_outdated = limit != self._limit or navigation != self._navigation
+        if is_outdated:
             return
         self.refusal = answer.reason
         if math.isfinite(limit):  # otherwise the robot is at most slower than it may be

@@ -247,14 +247,19 @@ class VelocityDriver:
         `drive` and `refuse` do so by themselves.
         """
         now = asyncio.get_running_loop().time()
-        # during a stall of this process, it received nothing from a sender that went on
+        # while this process stood still, it received nothing, even if the sender went on
         silent_since, self._received = max(self._received, self._gate.stall_ended), now
         has_paused = now - silent_since > self._gate.timing.pause
         if not moves or has_paused:
             self._silenced = ""
 
     def refuse(self, kind: str, reason: str) -> None:
-        """Refuse a velocity that would move the robot, for a reason of the caller."""
+        """Refuse a velocity that would move the robot, for a reason of the caller.
+
+        Args:
+            kind: kind of the reason; reasons of one kind are logged once.
+            reason: the reason, for the log or `on_refused`.
+        """
         self.note_received(moves=True)
         self._log_refusal(kind, reason)
 

@@ -19,6 +19,7 @@ def describe_offset(offset: float) -> str:
 
 
 def _duration(seconds: float) -> str:
+    """Return a duration in the largest unit of which it has at least two."""
     for name, size in _UNITS:
         if seconds >= 2 * size:
             return f"{seconds / size:.1f} {name}"

@@ -80,7 +80,7 @@ class LastKnown:
     def remember(self, value: Message | Body) -> None:
         """Store an answer or push of the chassis; `get` decodes it."""
         name = value.type if isinstance(value, Body) else full_name(value)
-        if name == _INFO:  # a RobotInfo may lack parts that are still unread
+        if name == _INFO:  # an earlier, unread RobotInfo may have parts that this one lacks
             self._apply_unread()
         self._unread.pop(name, None)  # the new value goes to the end
         self._unread[name] = value

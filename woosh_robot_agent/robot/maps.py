@@ -139,8 +139,14 @@ def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
 def keepout_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
     """Return the YAML file and the PNG of the mask for nav2's KeepoutFilter; {} without a mask.
 
-    Loaded by map_server, the mask equals the agent's topic `keepout_mask`. The arguments and the
-    errors are those of `map_files`.
+    Loaded by map_server, the mask equals the agent's topic `keepout_mask`.
+
+    Args:
+        area: the map.
+        stem: name of the files without suffix.
+
+    Raises:
+        MapError: the robot has not sent a usable mask.
     """
     return _server_files(area, area.keepout_png, stem) if area.keepout_png else {}
 
@@ -148,7 +154,13 @@ def keepout_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
 def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
     """Return the YAML file and the PNG of an image that belongs to a map, by name.
 
-    `stem` is the name of the files without suffix. The errors are those of `map_files`.
+    Args:
+        area: the map.
+        image: the image, as the robot sent it.
+        stem: name of the files without suffix.
+
+    Raises:
+        MapError: the image, the resolution or the origin cannot be used.
     """
     import numpy
     import yaml
@@ -176,7 +188,15 @@ async def scene_map(
 ) -> SceneData.Map:
     """Request a scene, and return one of its maps, which can have many MiB.
 
-    The arguments and the errors are those of `scene_data` and `find_map`.
+    Args:
+        chassis: the link.
+        scene_name: name of the scene.
+        map_id: id of the map, used if no map has the name.
+        map_name: name of the map.
+
+    Raises:
+        LinkError: there is no answer from the chassis.
+        MapError: the chassis sent no such map, or one without an image.
     """
     return find_map(await scene_data(chassis, scene_name), map_id, map_name)
 
@@ -185,7 +205,7 @@ async def scene_data(chassis: ChassisClient, scene_name: str) -> SceneData:
     """Request a scene with all of its maps.
 
     Raises:
-        LinkError: as in `ChassisClient.request`.
+        LinkError: there is no answer from the chassis.
         MapError: the chassis refuses, or sends something else.
     """
     answer = await chassis.request(SceneData(name=scene_name))

@@ -250,8 +250,9 @@ def _certain(info: RobotInfo) -> Iterator[Objection]:
         if info.mode.ctrl in _BY_CONTROL_MODE:
             yield _BY_CONTROL_MODE[info.mode.ctrl]
         # Without automatic control, an undefined work mode has no meaning.
-        automatic = info.mode.ctrl == robot.kAuto
-        if info.mode.work in _BY_WORK_MODE and (automatic or info.mode.work):
+        is_automatic = info.mode.ctrl == robot.kAuto
+        has_meaning = is_automatic or info.mode.work != robot.kWorkModeUndefined
+        if has_meaning and info.mode.work in _BY_WORK_MODE:
             yield _BY_WORK_MODE[info.mode.work]
     if info.state == robot.kUninit:
         yield NOT_INITIALISED

@@ -92,8 +92,11 @@ class RefusalExplainer:
     async def reasons(self, request_type: str) -> list[Objection]:
         """Return why the chassis has just refused a request, with the known remedies.
 
-        Empty if no reason is known. Call it within `code_delay` after the answer; the argument is
-        that of `reason`.
+        Empty if no reason is known. Call it within `code_delay` after the answer. It returns at the
+        end of this time, or as soon as the status code has come.
+
+        Args:
+            request_type: protobuf full name of the request, or of the command of an action.
         """
         try:
             refusal = await run_with_timeout(self.code_delay, self._latest(request_type))
@@ -103,7 +106,7 @@ class RefusalExplainer:
         return [*refusal.state, code] if code else list(refusal.state)
 
     async def _latest(self, request_type: str) -> _Refusal:
-        """Return the latest refusal of a type; wait while the refusal is in the queue of pushes."""
+        """Return the latest refusal of a type; wait until it comes out of the queue of pushes."""
         while True:
             for refusal in reversed(self._refusals):
                 if refusal.type == request_type:

@@ -262,7 +262,8 @@ class Standstill:
 
     def _check(self, demand: _Demand, since: float) -> None:
         """Warn if the robot should have moved since a loop time, and has not."""
-        if demand is not self._demand or demand.since != since or demand.warned:
+        is_still_expected = demand is self._demand and demand.since == since
+        if not is_still_expected or demand.warned:
             return
         if demand.is_velocity and self._chassis.refusal(Twist()):
             self._demand = None  # the agent has stopped the robot, and only observes it
@@ -322,12 +323,12 @@ class Standstill:
                 self._demand = None
             return
         demand.begun = True
-        self._set_standing(
-            demand,
-            may_stand=report.state != task_pb2.kExecuting
-            or report.action.type not in _DRIVING_ACTIONS
-            or report.action.state != action_pb2.kRosExecuting,
+        should_move = (
+            report.state == task_pb2.kExecuting
+            and report.action.type in _DRIVING_ACTIONS
+            and report.action.state == action_pb2.kRosExecuting
         )
+        self._set_standing(demand, may_stand=not should_move)
 
     def _action_reported(self, reports: Feedbacks) -> None:
         """Note whether the action that is observed drives the robot now, or has ended."""

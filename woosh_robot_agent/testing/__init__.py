@@ -54,6 +54,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
+    """Import a helper that needs ROS 2 on its first use."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from woosh_robot_agent.testing import agents

@@ -263,7 +263,7 @@ def _list_setter(field: Field) -> Setter:
 
 
 def _appender(field: Field) -> Setter:
-    """Return the function that appends a JSON value to the list of a field."""
+    """Return the function that appends a JSON value, or a blank one for null, to a field's list."""
     if field.message_type is not None:
         fill = _message_filler(field)
 

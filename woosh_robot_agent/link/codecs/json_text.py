@@ -217,7 +217,10 @@ def _scan(text: str, at: int) -> tuple[Any, int]:
 
 
 def _after_comma(text: str, at: int, closing: str) -> int:
-    """Return the place of the next item or of the closing bracket."""
+    """Return the place of the item after the comma, or of the closing bracket if no item follows.
+
+    `at` is the place where an item has ended.
+    """
     at = _after_space(text, at)
     if text[at : at + 1] == ",":
         at = _after_space(text, at + 1)
@@ -299,10 +302,10 @@ class _Pieces:
         return [item], end
 
     def _cut(self, at: int, end: int) -> tuple[list[Any], int] | None:
-        """Return the items up to the last place in a piece where one seems to end, and the place.
+        """Return the items up to a comma before the place `end`, and the place of that comma.
 
-        If the place is inside an item, the one before it is tried. Returns None after `_CUTS`
-        attempts.
+        The last comma that seems to follow an item is tried first. If it is inside an item, the one
+        before it is tried, and so on. Return None after `_CUTS` attempts, or without such a comma.
         """
         text = self._text
         closing = _CLOSING.get(text[at : at + 1], ",")
@@ -324,7 +327,7 @@ class _Pieces:
     def _rest(self, at: int, end: int) -> tuple[list[Any], int] | None:
         """Return the items up to the end of the list, and the place of its closing bracket.
 
-        Returns None if the list does not end in the piece, or is not JSON.
+        Return None if the list does not end before the place `end`, or is not JSON.
         """
         piece = self._text[at:end]
         try:
