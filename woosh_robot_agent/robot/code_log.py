@@ -96,7 +96,6 @@ class RefusalLog:
     """Logs each refusal of a command with its reason, once until a command of its name succeeds.
 
     Args:
-        chassis: the link.
         gate: sender of the commands.
         explainer: finds the reasons.
         silent: sources whose refusals are not logged here, because they log them themselves.
@@ -104,7 +103,6 @@ class RefusalLog:
 
     def __init__(
         self,
-        chassis: ChassisClient,
         gate: MotionGate,
         explainer: RefusalExplainer,
         silent: Container[str] = (),

@@ -40,7 +40,7 @@ class Watch:
     ) -> None:
         CodeLog(chassis)  # the subscriptions of the link keep it alive
         # goals log the refusals of their cancel requests themselves
-        self.refusal_log = RefusalLog(chassis, gate, explainer, silent=(GOAL_CANCEL,))
+        self.refusal_log = RefusalLog(gate, explainer, silent=(GOAL_CANCEL,))
         self.velocities = VelocitySources(gate)
         self.standstill = Standstill(chassis, gate, last_known)
         self.who_drives = WhoDrives(chassis, gate, last_known, self.velocities, goals)

@@ -22,7 +22,7 @@ from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
-from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, Operation, StatusCode
+from woosh_robot_agent.pb.robot.robot_count_pb2 import Operation
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
     General,
@@ -37,6 +37,7 @@ from woosh_robot_agent.simulator.refusals import REFUSALS, REQUEST_FAILED
 from woosh_robot_agent.tools.doctor.observations import (
     Observations,
     SeenFrame,
+    codes_in,
     of_busiest_connection,
 )
 
@@ -396,17 +397,11 @@ def _texts(seen: Observations) -> _Found:
             yield ("refusals", "always", name), Learned(text or REQUEST_FAILED, count)
         elif text and text not in _DEFAULT_TEXTS:
             yield ("refusals", "texts", name), Learned(text, count)
-    messages = [code.msg for body in seen.bodies() for code in _codes(body) if code.code]
+    messages = [code.msg for body in seen.bodies() for code in codes_in(body) if code.code]
     if messages:
         foreign = any(not text.isascii() for text in messages)
         language = "zh" if foreign else "en" if any(messages) else "none"
         yield ("status_codes", "language"), Learned(language, len(messages))
-
-
-def _codes(body: Any) -> Sequence[StatusCode]:
-    if isinstance(body, StatusCode):
-        return [body]
-    return body.scs if isinstance(body, AbnormalCodes) else []
 
 
 def _gaps(timestamps: Sequence[float], ignore_above: float = math.inf) -> list[float]:

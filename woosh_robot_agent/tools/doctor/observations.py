@@ -16,6 +16,7 @@ from woosh_robot_agent.link.codecs import server_codec
 from woosh_robot_agent.link.codecs.json_codec import is_repeated, is_well_known, json_names
 from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
 from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, ScannerData
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 
@@ -302,6 +303,15 @@ def of_busiest_connection(items: list[_Item]) -> list[_Item]:
     counts = Counter(each.connection for each in items)
     number, _ = counts.most_common(1)[0] if counts else (0, 0)
     return [each for each in items if each.connection == number]
+
+
+def codes_in(body: object) -> Iterable[StatusCode]:
+    """Return the status codes in the body of a frame; none if it is of a type without them."""
+    if isinstance(body, StatusCode):
+        return [body]
+    if isinstance(body, AbnormalCodes | StatusCodes):
+        return body.scs
+    return body.abnormal_codes.scs if isinstance(body, RobotInfo) else []
 
 
 def _unknown_fields(body: dict[str, Any], descriptor: Any, path: str) -> Iterator[tuple[str, Any]]:

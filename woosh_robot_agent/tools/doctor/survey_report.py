@@ -11,8 +11,7 @@ from typing import Any
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.link.reports import printable
-from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
-from woosh_robot_agent.pb.robot.robot_pb2 import General, RobotInfo
+from woosh_robot_agent.pb.robot.robot_pb2 import General
 from woosh_robot_agent.robot.clock import describe_offset
 from woosh_robot_agent.robot.status_codes import meaning
 from woosh_robot_agent.tools.doctor.checks import HttpAnswer
@@ -23,7 +22,7 @@ from woosh_robot_agent.tools.doctor.learn import (
     learn,
     quantile,
 )
-from woosh_robot_agent.tools.doctor.observations import Observations, Redactor, Unknown
+from woosh_robot_agent.tools.doctor.observations import Observations, Redactor, Unknown, codes_in
 
 REPORT_FILE = "survey.md"
 """File with the report for people, in the folder of a survey."""
@@ -121,13 +120,13 @@ def _requests(
         texts = Counter(_redacted(each.text, redactor) for each in answers if not each.ok)
         over_http = http.get(name)
         is_not_found = over_http is not None and over_http.status == _NOT_FOUND
-        says_unknown = not accepted and any(_UNKNOWN_TEXT.search(text) for text in texts)
-        if not answers:
+        says_unknown = any(_UNKNOWN_TEXT.search(text) for text in texts)
+        if accepted:
+            verdict = "answered"
+        elif not answers:
             verdict = "no answer"
-        elif is_not_found or says_unknown:
-            verdict = "unknown"
         else:
-            verdict = "answered" if accepted else "refused"
+            verdict = "unknown" if is_not_found or says_unknown else "refused"
         yield {
             "type": name,
             "verdict": verdict,
@@ -201,20 +200,12 @@ def _unknown_codes(seen: Observations, redactor: Redactor | None) -> Iterator[di
     texts: dict[int, str] = {}
     counts: Counter[int] = Counter()
     for body in seen.bodies():
-        for code in _codes_in(body):
+        for code in codes_in(body):
             if code.code and not meaning(code.code):  # an empty answer has the code 0
                 counts[code.code] += 1
                 texts[code.code] = code.msg
     for number, count in sorted(counts.items()):
         yield {"code": number, "count": count, "text": _redacted(texts[number], redactor)}
-
-
-def _codes_in(body: object) -> Iterable[StatusCode]:
-    if isinstance(body, StatusCode):
-        return [body]
-    if isinstance(body, AbnormalCodes | StatusCodes):
-        return body.scs
-    return body.abnormal_codes.scs if isinstance(body, RobotInfo) else []
 
 
 def _redacted(text: str, redactor: Redactor | None) -> str:
