@@ -215,8 +215,8 @@ class VelocityDriver:
         now = asyncio.get_running_loop().time()
         published = min(published, now)
         if self._waiting is not None and self._owner:
-            # rule 2: otherwise a zero that comes now would be sent because of the velocity that
-            # waits, and would stop what drives the robot
+            # rule 2: the waiting velocity must not be sent any more. Drop it before rule 8 applies
+            # to a zero: the zero would be sent for it, and stop what drives the robot
             self._waiting = None
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:

@@ -1,4 +1,7 @@
-"""Which task and actions move the robot, as the chassis reports, and which of them drive it."""
+"""Which task and actions move the robot, as the chassis reports, and which of them drive it.
+
+Driving needs the wheels; a lift moves without driving.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ TASK = Sentence("task {id}")
 _HELD_UP = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
 """States of an action held up by an obstacle or by traffic control."""
 _DRIVING_ACTIONS = {cls.DESCRIPTOR.name for cls in (ChargeControl, MoveBase, StepControl)}
-"""Short names of the actions that drive the robot."""
+"""Short names of the actions that drive the robot, i.e. use its wheels."""
 ACTIONS = {
     field.message_type.full_name: field.message_type.name
     for field in CallAction.DESCRIPTOR.oneofs_by_name["action"].fields

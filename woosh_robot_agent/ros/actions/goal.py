@@ -1,8 +1,8 @@
 """A goal's phases, timing, outcome, reports and events, and the interface of its kind.
 
 A report identifies a task by its id, which clients may reuse, and any other action only by its
-type. So a report that matches a goal may belong to an earlier goal, even to one of another
-program. `Attribution` decides to which goal a report belongs.
+type. This id or type is the name of a goal. So a report with the name of a goal may belong to an
+earlier goal, even to one of another program. `Attribution` decides to which goal a report belongs.
 """
 
 from __future__ import annotations
@@ -288,7 +288,7 @@ class Attribution:
 
 @dataclass(frozen=True)
 class Report:
-    """A report with the name of a goal."""
+    """A report with the name of a goal; it may belong to an earlier goal of the same name."""
 
     message: Message
     """The report as the chassis sent it."""
