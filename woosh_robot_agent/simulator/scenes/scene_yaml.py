@@ -191,7 +191,7 @@ class TasksEntry:
 
     Attributes:
         predefined: task sets that ExecPreTask starts.
-        calls: task sets that call buttons start; their keys are those of `predefined`.
+        calls: task sets that call buttons start, with the same keys as those in `predefined`.
     """
 
     predefined: _TaskSets = ()
