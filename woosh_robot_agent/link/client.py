@@ -299,7 +299,8 @@ class ChassisClient:
     def on_accepted(self, cls: type[Message], callback: Callable[[], None]) -> None:
         """Call `callback` in the event loop whenever the chassis accepts a request of `cls`.
 
-        The calls are in order with the pushes, like those of `tap` in `request`.
+        The calls are in order with the pushes: after those that arrived before the answer, and
+        before all later ones.
         """
         self._accepted_callbacks.setdefault(full_name(cls), []).append(callback)
 
@@ -387,7 +388,7 @@ class ChassisClient:
     def on_snapshot(
         self, callback: Callable[[Any], None], prepare: Callable[[RobotInfo], Any] = _unchanged
     ) -> None:
-        """Call `callback` in the event loop with the first RobotInfo of each link.
+        """Call `callback` in the event loop with the first RobotInfo of each connection.
 
         The calls are in order with the pushes: pushes before the call are older than the RobotInfo,
         and pushes after it are newer.

@@ -444,7 +444,7 @@ class ReconnectLoop:
             cause = error if isinstance(error, LinkError) else NotConnectedError("given up")
             await connection.close(cause)
             raise
-        connection.reads_ahead = True
+        connection.reads_ahead = True  # the first RobotInfo has come, so nothing can overtake it
         return connection
 
     async def _serve(self, connection: Connection) -> float:

@@ -120,7 +120,7 @@ _SNAPSHOT = "snapshot"
 
 
 class Consumer(NamedTuple):
-    """A consumer of the pushes of one type, or of the first RobotInfo of each link.
+    """A consumer of the pushes of one type, or of the first RobotInfo of each connection.
 
     Attributes:
         callback: called in the event loop.
@@ -205,7 +205,7 @@ class Subscriptions:
         return not consumers
 
     def on_snapshot(self, consumer: Consumer) -> None:
-        """Deliver the first RobotInfo of each link to a consumer."""
+        """Deliver the first RobotInfo of each connection to a consumer."""
         self._snapshot_consumers.append(consumer)
 
     # Start of a connection

@@ -96,7 +96,7 @@ MAX_BACKOFF = 3.0
 
 
 def subscribe_all(chassis: ChassisClient, callback: Callable[[Message], None]) -> None:
-    """Call `callback` with each push, and with the first RobotInfo of each link.
+    """Call `callback` with each push, and with the first RobotInfo of each connection.
 
     Laser scans and growing maps are left out, because they are large.
     """
