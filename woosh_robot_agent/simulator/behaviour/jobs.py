@@ -326,7 +326,7 @@ class Charge(Job):
         self._time = 0.0
         """Time since the job started or was resumed, in seconds."""
         self._keeps_charging = False
-        """True if the battery goes on charging after the end of the job."""
+        """True once the job has ended and the battery goes on charging."""
 
     def tick(self, robot: Robot, dt: float) -> Progress:
         if robot.charger is None:
@@ -344,7 +344,7 @@ class Charge(Job):
         return Progress(text=f"at {robot.battery.percent} of {full} %")
 
     def suspend(self, robot: Robot) -> None:
-        """End the charge, unless it goes on after the end of the job."""
+        """Stop charging, unless the job has ended and the battery goes on charging."""
         self._time = 0.0
         if not self._keeps_charging:
             robot.battery.charging = robot_pb2.Battery.kNot

@@ -161,7 +161,7 @@ class Base:
         self.odometer += velocity.speed * dt
 
     def _slowed(self, dt: float) -> Velocity:
-        """Return the wanted velocity in the next `dt` seconds of a base that is not driven."""
+        """Return the velocity to aim at in the next `dt` seconds if nothing drives the base."""
         now = self.velocity
         is_fast = max(now.speed, abs(now.turn)) > self._stops_below
         if self._rolls_on and self._rolls_for and is_fast:

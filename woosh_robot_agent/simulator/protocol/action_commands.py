@@ -162,7 +162,7 @@ def _step_control(chassis: Chassis, action: action_pb2.StepControl) -> Job:
             "into several requests"
         )
     steps = [_step(chassis, step) for step in action.steps]
-    return Steps(steps, avoid=action.avoid == 0)
+    return Steps(steps, avoid=action.avoid == 0)  # 0 is on, 1 off
 
 
 def _step(chassis: Chassis, step: action_pb2.StepControl.Step) -> Shift | Turn:
