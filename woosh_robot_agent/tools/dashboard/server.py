@@ -454,6 +454,12 @@ class Dashboard:
     ) -> Coroutine[Any, Any, Outcome]:
         """Return the execution of a command for the robot that the viewer watches.
 
+        Args:
+            viewer: the viewer that sent the command.
+            name: name of the command.
+            args: arguments of the command.
+            clock: newest time of this process that the page had received before, in milliseconds.
+
         Raises:
             CommandError: the command is refused.
         """

@@ -59,7 +59,7 @@ class _Task:
 
     @property
     def runs(self) -> bool:
-        """True if further reports are expected."""
+        """True if the last report says that the task is unfinished; False before any report."""
         return is_unfinished(self.report)
 
 

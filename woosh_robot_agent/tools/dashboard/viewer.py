@@ -175,7 +175,10 @@ class Viewer:
             return
 
     def _next(self) -> str | bytes:
-        """Return the next message: a note, else the time, else a part. One of them must wait."""
+        """Return the next message: a note, else the time, else a part.
+
+        Call it only if at least one of them is to be sent.
+        """
         if self._notes:
             return self._notes.pop(0)
         # after the notes: a page that knows a time after a stop has also got the note of the stop
