@@ -190,7 +190,7 @@ def _version() -> str:
 
 
 def _as_ros_args(arguments: list[str]) -> Sequence[str]:
-    """Return the ROS arguments that were probably meant, or an example."""
+    """Return ROS arguments that the error message suggests: what was meant, or an example."""
     import re
 
     first, *rest = arguments

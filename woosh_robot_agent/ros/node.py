@@ -332,6 +332,7 @@ class Agent:
         self.robot.chassis.permit_only(only_reads, reason)
         self.actions.give_up(f"{reason}; the robot may still be executing the goal")
         _LOG.info("observe_only is true: nothing is sent to the robot that changes or moves it")
+        # sends a zero if the agent drives the robot, although commands are not permitted now
         self.robot.thread.spawn(partial(self.robot.gate.stop_driving, reason, _ZERO_TIMEOUT))
 
     async def _reconfigure(self) -> None:

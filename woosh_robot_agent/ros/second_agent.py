@@ -63,6 +63,7 @@ class SecondAgentDetector:
             return
         self._seen_since = self._seen_since or time.monotonic()
         if others := sorted(self._others()):
+            # a node that was killed stays in the graph for a while
             is_alive = time.monotonic() - self._seen_since > _MAX_LEASE
             runs = "runs" if is_alive else "runs, or has just ended,"
             self.warning = (

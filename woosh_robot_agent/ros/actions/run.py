@@ -472,17 +472,17 @@ class GoalRun:
                     return end
         if not polled.result.reports and (end := self._possible_cancel_as_end()):
             return end
-        unknown = polled.result.unknown
+        why_unknown = polled.result.unknown
         # the answer does not tell, but a push has shown that the chassis does not execute this goal
-        if unknown is None and self._is_displaced:
-            unknown = _DISPLACED
+        if why_unknown is None and self._is_displaced:
+            why_unknown = _DISPLACED
         has_report = self._attribution.has_report
         # until the goal is accepted, its start request may still be on its way
-        if unknown is None or not self.phase.accepted:
+        if why_unknown is None or not self.phase.accepted:
             return self._aborted_if(self._give_up.poll_answered(has_report))
-        end = self._aborted_if(self._give_up.poll_unknown(unknown, has_report))
+        end = self._aborted_if(self._give_up.poll_unknown(why_unknown, has_report))
         if end is None:
-            self._schedule_poll()
+            self._schedule_poll()  # sooner than planned, because the state is unknown now
         return end
 
     def _poll_failed(self, failed: PollFailed) -> End | None:

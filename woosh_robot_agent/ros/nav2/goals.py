@@ -552,7 +552,7 @@ class Nav2Action(ABC):
         goal = Nav2Goal(accepted, self)
         accepted.on_cancel(lambda: goal.stop(GoalEnd(outcome=Outcome.CANCELED)))
         task = start_task(self._run(goal), name=f"nav2: {self.name}")
-        if not task.done():
+        if not task.done():  # it may have run to its end already
             self._tasks[task] = goal
             task.add_done_callback(self._tasks.pop)
 

@@ -193,8 +193,8 @@ class Prediction:
         pause = time - self._last_time
         if pause < _BLEND:
             self._error = _difference(self._last, self._unblended(self._last_time))
-            # the error is that of the last predicted pose, so blending begins at the time of that
-            # pose; if that is long ago, it begins later, so that the first step is small
+            # This is the error at the time of the last predicted pose, so blending begins at that
+            # time, but not so long ago that much of the error vanishes in the first step.
             self._error_time = max(self._last_time, time - _FIRST_STEP)
         elif pause <= _LONGEST_PAUSE:
             pose = self._unblended(time)

@@ -147,7 +147,7 @@ class TaskRunner:
         foreign_id: id of the task that the robot executes, if it is not the current task of this
             runner; otherwise 0.
         confirmed: True once the robot has reported on the current task over the current link.
-        leaves_until: loop time until which the robot may not have left its last task yet.
+        leaves_until: loop time until which the robot may still be in its last task.
     """
 
     def __init__(
@@ -451,7 +451,7 @@ class ActionTasks:
 
     @property
     def leaves_until(self) -> float:
-        """Loop time until which the robot may not have left its last task yet."""
+        """Loop time until which the robot may still be in its last task."""
         return self._task.leaves_until
 
     @property
