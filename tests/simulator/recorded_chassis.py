@@ -118,23 +118,3 @@ class SteppedChassis(Client):
 def pushed(chassis: SteppedChassis, type_name: str) -> list[Frame]:
     """Return all pushes of a type."""
     return [frame for frame in chassis.frames if frame.type == type_name and not frame.sn]
-
-
-def answer_times(type_name: str, count: int) -> list[float]:
-    """Return the times of the answers to `count` requests of a type, shortest first.
-
-    Each request is sent after the answer to the one before, whether that was accepted or refused.
-    """
-    chassis = SteppedChassis()
-    found = []
-    for _ in range(count):
-        sent = chassis.chassis.elapsed
-        found.append(answer_to(chassis, type_name, **_BODIES.get(type_name, {})).time - sent)
-    return sorted(found)
-
-
-_BODIES: dict[str, Json] = {
-    "woosh.robot.InitRobot": {"isRecord": True},
-    "woosh.robot.SwitchWorkMode": {"mode": 2},
-}
-"""Bodies of requests whose answers are timed; all others are empty."""

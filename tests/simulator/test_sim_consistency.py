@@ -1,4 +1,4 @@
-"""A changed setting shows alike in its getter, its push and RobotInfo."""
+"""A changed setting or device shows alike in its getter, its push and RobotInfo."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ from typing import Any
 import pytest
 
 from tests.simulator.sim_wire import Connect, Json, JsonClient
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import LED
+from woosh_robot_agent.testing import wait_until
+
+LIGHT, REMOTE = "woosh.robot.LED", "woosh.device.RfRemoteController"
 
 # Setter, its body, the state message it changes, its field in RobotInfo, expected fields.
 SETTERS: list[tuple[str, Json, str, str, Json]] = [
@@ -50,20 +54,14 @@ def test_setter_changes_getter_push_and_robot_info(
     assert client.take_pushes(name) == []
 
 
-@pytest.mark.parametrize("allow", ["AutoCharge", "AutoPark", "GoodsCheck"])
-def test_permission_setters_are_answered_and_pushed(client: JsonClient, allow: str) -> None:
-    key = allow[0].lower() + allow[1:]
+def test_permission_setters_are_answered_and_pushed(client: JsonClient) -> None:
     client.subscribe("woosh.robot.Setting")
-    assert client.ask(f"woosh.robot.setting.{allow}", {"allow": False}) == {"allow": False}
-    assert client.next_push("woosh.robot.Setting")["allow"][key] is False
-    assert client.ask(f"woosh.robot.setting.{allow}", {"allow": True}) == {"allow": True}
-    assert client.next_push("woosh.robot.Setting")["allow"][key] is True
-
-
-def test_setter_answers_with_the_new_value(client: JsonClient) -> None:
-    assert client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})["work"] == 3
-    assert client.ask("woosh.robot.SwitchFootPrint", {"type": 2}) == {"type": 2}
-    assert client.ask("woosh.robot.setting.Identity", {"name": "x"}) == {"name": "x"}
+    for name in ("AutoCharge", "AutoPark", "GoodsCheck"):
+        key = name[0].lower() + name[1:]
+        for allow in (False, True):
+            body = {"allow": allow}
+            assert client.ask(f"woosh.robot.setting.{name}", body) == body
+            assert client.next_push("woosh.robot.Setting")["allow"][key] is allow
 
 
 @pytest.mark.parametrize("setter", ["InitRobot", "SetRobotPose"])
@@ -83,38 +81,19 @@ def test_init_robot_in_place_ignores_the_empty_pose(client: JsonClient) -> None:
     assert client.ask("woosh.robot.PoseSpeed") == before
 
 
-def test_subscription_pushes_only_later_changes_until_it_ends(client: JsonClient) -> None:
+def test_subscription_pushes_only_later_changes_until_it_ends(
+    client: JsonClient, connect: Connect
+) -> None:
+    other = connect()
     client.subscribe("woosh.robot.Mode", "woosh.robot.Mode", "woosh.robot.Nonsense")
     assert client.take_pushes("woosh.robot.Mode") == []
     client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
     assert len(client.take_pushes("woosh.robot.Mode")) == 1
     client.subscribe("woosh.robot.Mode", sub=False)
+    other.subscribe("woosh.robot.Mode")  # each client has its own subscriptions
     client.ask("woosh.robot.SwitchWorkMode", {"mode": 2})
     assert client.take_pushes("woosh.robot.Mode") == []
-
-
-def test_each_client_has_its_own_subscriptions(client: JsonClient, connect: Connect) -> None:
-    other = connect()
-    client.subscribe("woosh.robot.Mode")
-    other.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
-    assert client.next_push("woosh.robot.Mode")["work"] == 3
-    # A later subscriber gets only the changes after its subscription.
-    other.subscribe("woosh.robot.Mode")
-    client.ask("woosh.robot.SwitchWorkMode", {"mode": 2})
     assert [body["work"] for body in other.take_pushes("woosh.robot.Mode")] == [2]
-
-
-def test_uploaded_scene_is_kept(client: JsonClient) -> None:
-    files = [{"name": "map.png", "data": "AQID"}]
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "new", "mapName": "m", "fileDatas": files})
-    scene = client.ask("woosh.robot.Scene")
-    assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("new", "m", "1")
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "new", "fileDatas": files})
-    assert client.ask("woosh.robot.Scene")["version"] == "1"  # its map has not changed
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "new"})
-    kept = {each["name"]: each["data"] for each in client.ask("woosh.map.Download")["fileDatas"]}
-    assert kept["map.png"] == "AQID"
 
 
 def test_scene_data_groups_marks_by_kind(client: JsonClient) -> None:
@@ -129,22 +108,6 @@ def test_scene_data_groups_marks_by_kind(client: JsonClient) -> None:
     assert all(numbers.values())  # there is a mark of each kind
     (charger,) = groups["chargers"]
     assert charger["pose"]["dock"]["x"] == pytest.approx(-10.8)
-
-
-def test_task_sets_of_the_scene_are_listed(client: JsonClient) -> None:
-    sets = [each["taskSet"] for each in client.ask("woosh.task.RepeatTasks")["repeatTasks"]]
-    calls = [each["taskSet"] for each in client.ask("woosh.task.CallTasks")["callTasks"]]
-    assert {666, 1735291765} <= {each["base"]["id"] for each in sets}
-    assert calls
-
-
-def test_wifi_orders_show_in_network(client: JsonClient) -> None:
-    client.subscribe("woosh.ros.Feedbacks", "woosh.robot.Network")
-    answer = client.ask("woosh.robot.RobotWiFi", {"order": 1})
-    network = client.next_push("woosh.robot.Network")
-    assert network["wifi"]["listJson"] == answer["content"]
-    client.ask("woosh.robot.RobotWiFi", {"order": 4, "content": "d29vc2gtZmFjdG9yeQ=="})
-    assert client.next_push("woosh.robot.Network")["wifi"]["name"] == ""
 
 
 def test_emergency_stop_shows_in_all_states(client: JsonClient) -> None:
@@ -162,3 +125,34 @@ def test_emergency_stop_shows_in_all_states(client: JsonClient) -> None:
     assert client.ask("woosh.robot.count.AbnormalCodes")["scs"] == []
     assert client.ask("woosh.robot.RobotState")["state"] == 2
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
+
+
+def test_lights_are_kept_by_submodule(client: JsonClient) -> None:
+    assert client.simulator.state.lights == {}
+    red = {"submodule": 0, "urgency": 1, "abnormal": 2, "normal": 3, "color": 0xFF0000}
+    answer = client.request(LIGHT, red)
+    assert (answer["type"], answer["ok"], answer["body"]) == (LIGHT, True, red)
+    client.ask(LIGHT, {"submodule": 2, "color": 7})
+    client.ask(LIGHT, {"submodule": 2, "color": 8})
+    assert client.simulator.state.lights == {0: LED(**red), 2: LED(submodule=2, color=8)}
+
+
+def test_keys_of_the_remote_controller_are_pushed_when_they_change(client: JsonClient) -> None:
+    client.subscribe(REMOTE)
+    assert client.ask(REMOTE) == {"address": 0, "keys": 0}
+    client.simulator.hold_remote_keys(0b101, address=7)
+    assert client.next_push(REMOTE) == {"address": 7, "keys": 5}
+    assert client.ask(REMOTE) == {"address": 7, "keys": 5}
+    assert client.simulator.state.remote_keys == 5
+    client.simulator.hold_remote_keys(0b101, address=7)
+    client.simulator.hold_remote_keys(0, address=7)
+    assert client.next_push(REMOTE) == {"address": 7, "keys": 0}
+    assert client.take_pushes(REMOTE) == []
+
+
+def test_keys_of_the_fault_are_released_at_its_end(client: JsonClient) -> None:
+    client.subscribe(REMOTE)
+    client.simulator.inject("remote_keys", keys=2, address=3, for_=5)
+    assert client.next_push(REMOTE) == {"address": 3, "keys": 2}
+    assert client.next_push(REMOTE) == {"address": 3, "keys": 0}
+    wait_until(lambda: not client.simulator.faults)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import random
 from itertools import pairwise
-from typing import Any
 
 import pytest
 
@@ -61,7 +59,7 @@ def test_base_respects_speed_and_acceleration_limits() -> None:
 
 
 def test_twist_times_out_and_ramps_to_zero(chassis: Chassis) -> None:
-    start = chassis.base.pose
+    start, odometer, level = chassis.base.pose, chassis.base.odometer, chassis.battery.level
     for _ in range(10):
         assert execute(chassis, "woosh.robot.Twist", linear=0.5).ok
         run(chassis, 0.1)
@@ -77,58 +75,11 @@ def test_twist_times_out_and_ramps_to_zero(chassis: Chassis) -> None:
     assert speeds[-1] == 0.0
     moved = start.distance(chassis.base.pose.point)
     assert 0.5 < moved < 1.0
-    assert start.bearing(chassis.base.pose.point) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_driving_raises_odometer_and_drains_battery(chassis: Chassis) -> None:
-    odometer, level = chassis.base.odometer, chassis.battery.level
-    for _ in range(100):
-        execute(chassis, "woosh.robot.Twist", linear=1.0, angular=1.0)
-        run(chassis, 0.1)
-    driven = chassis.base.odometer - odometer
-    assert 9.0 < driven < 10.0
+    assert chassis.base.odometer - odometer == pytest.approx(moved)
     rested = Chassis(quick_config(seed=1))
-    run(rested, 10.0)
+    run(rested, 3.0)
     assert chassis.battery.level < rested.battery.level < level
-
-
-@pytest.mark.parametrize("angles", [(-2.2, 2.2), (0.0, 6.28), (-6.28, 0.0)])
-@pytest.mark.parametrize("pose", [Pose(4.2, -6.7, -0.26), Pose(10.0, 0.0, 0.3), Pose(0, 2, 3.1)])
-def test_laser_agrees_with_rays_cast_one_by_one(
-    chassis: Chassis, pose: Pose, angles: tuple[float, float]
-) -> None:
-    chassis.base.place(pose)
-    chassis.laser = dataclasses.replace(chassis.laser, angle_min=angles[0], angle_max=angles[1])
-    laser, walls = chassis.laser, chassis.map.walls
-    ranges = chassis.scan()
-    assert len(ranges) == laser.rays
-    origin = pose.moved(laser.forward, 0.0, 0.0)
-    for ray in range(0, laser.rays, 20):
-        angle = origin.theta + laser.angle_min + ray * laser.increment
-        hits = [hit for wall in walls if (hit := _hit(origin, angle, wall)) is not None]
-        expected = min(hits, default=math.inf)
-        if expected > laser.range_max:
-            assert ranges[ray] == math.inf
-        else:
-            assert ranges[ray] == pytest.approx(expected, abs=0.011)
-
-
-def _hit(origin: Pose, angle: float, wall: Any) -> float | None:
-    """Return the distance at which the ray meets the wall, by solving the line equations."""
-    dx, dy = math.cos(angle), math.sin(angle)
-    ex, ey = wall.x2 - wall.x1, wall.y2 - wall.y1
-    determinant = ex * dy - dx * ey
-    if abs(determinant) < 1e-12:
-        return None
-    qx, qy = wall.x1 - origin.x, wall.y1 - origin.y
-    along = (ex * qy - ey * qx) / determinant
-    share = (dx * qy - dy * qx) / determinant
-    return along if along > 0.0 and 0.0 <= share <= 1.0 else None
-
-
-def test_rays_through_the_gate_are_infinite(chassis: Chassis) -> None:
-    chassis.base.place(Pose(9.0, 0.0, 0.0))
-    assert math.inf in chassis.scan()
+    assert start.bearing(chassis.base.pose.point) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_no_range_with_noise_exceeds_the_maximum() -> None:

@@ -30,8 +30,9 @@ PATHS = {
 }
 
 
-@pytest.mark.parametrize("poses", PATHS.values(), ids=PATHS)
-def test_points_of_a_path_are_passed_without_stopping(poses: list[Json]) -> None:
+@pytest.mark.parametrize("name", ["line without headings", "arc", "waves"])
+def test_points_of_a_path_are_passed_without_stopping(name: str) -> None:
+    poses = PATHS[name]
     chassis = SteppedChassis(profile="instant")
     first, last = poses[0], poses[-1]
     chassis.chassis.base.place(Pose(first["x"], first["y"], 0.0))
