@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -123,13 +122,3 @@ def test_cancelled_update_forgets_its_points_only(chassis: SteppedChassis) -> No
     assert len(mark_info(chassis)["storages"]) == count + 1
     ask(chassis, BUILD_MAP, type=CANCEL)
     assert len(mark_info(chassis)["storages"]) == count
-
-
-def test_mark_that_was_changed_meanwhile_stays(chassis: SteppedChassis) -> None:
-    (marker,) = deploy(chassis, type=MARKS, mode=COLLECT)["markers"]
-    model = chassis.chassis
-    marks = dict(model.map.marks)
-    marks["A99"] = replace(marks.pop(marker["id"]), number="A99")
-    model.change_map(replace(model.map, marks=marks))
-    deploy(chassis, type=MARKS, mode=REMOVE)
-    assert "A99" in model.map.marks

@@ -17,7 +17,6 @@ from websockets.exceptions import ConnectionClosed
 
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, TcpClient
 from woosh_robot_agent.simulator.__main__ import main
-from woosh_robot_agent.simulator.scenes import files as scenes
 
 PROGRAM = [sys.executable, "-m", "woosh_robot_agent.simulator"]
 PATIENT_PROGRAM = [
@@ -167,25 +166,13 @@ def test_program_warns_if_not_on_loopback() -> None:
     assert err.startswith("warning: everybody who can reach 0.0.0.0")
 
 
-@pytest.fixture
-def hall(tmp_path: Path) -> Path:
-    """Folder of a scene whose map is a picture."""
-    picture = Path(scenes.__file__).parents[1] / "data" / "wooshmap" / "wooshmap.yaml"
-    (tmp_path / "scene.yaml").write_text(
-        "name: hall\n"
-        "start: {pose: [4.0, -6.5, 0.0]}\n"
-        "maps:\n"
-        f"  - name: ground\n    image: {picture}\n"
-        "    marks: [{number: K10, pose: [8.0, -4.0, 0.0]}]\n"
-    )
-    return tmp_path
-
-
-def test_options_set_the_scene_the_language_and_the_limits(hall: Path) -> None:
+def test_options_set_the_scene_the_language_and_the_limits(tmp_path: Path) -> None:
+    walls = "[[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]"
+    (tmp_path / "scene.yaml").write_text(f"name: hall\nmaps: [{{name: ground, walls: {walls}}}]\n")
     limits = ("--max-frame", "1000", "--max-connections", "1")
     language = ("--code-language", "none", "--fault", "emergency_stop")
     with (
-        running("--scene", str(hall), *language, *limits) as (_, port, tcp_port),
+        running("--scene", str(tmp_path), *language, *limits) as (_, port, tcp_port),
         closing(JsonClient(port)) as client,
     ):
         scene = client.ask("woosh.robot.Scene")

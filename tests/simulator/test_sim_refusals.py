@@ -165,16 +165,3 @@ def test_zero_velocity_is_accepted_in_every_state(profile: str) -> None:
         client.simulator.inject("key_switch")
         answer = client.request(TWIST)
         assert (answer["ok"], answer["msg"]) == (True, "Request succeed")
-
-
-@pytest.mark.chassis(speed=50, profile="instant")
-def test_quick_profile_explains_refusals_and_sends_no_codes(client: JsonClient) -> None:
-    client.subscribe(CODE)
-    client.simulator.inject("lost_localisation")
-    client.next_push(CODE)
-    client.pushes.clear()
-    reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
-    assert client.refusal(*TASK) == reason
-    assert client.refusal("woosh.robot.ActionOrder", {"order": 2}).startswith("no task is running")
-    pass_time(client.simulator, 1.0)
-    assert client.take_pushes(CODE) == []

@@ -194,6 +194,8 @@ INVALID: list[tuple[str, Any, str]] = [
 
 
 def test_invalid_requests_are_refused_with_a_reason(client: JsonClient) -> None:
+    code = "woosh.robot.count.StatusCode"
+    client.subscribe(code)
     before = _lasting_info(client)
     for name, body, reason in INVALID:
         answer = client.request(name, body)
@@ -201,6 +203,7 @@ def test_invalid_requests_are_refused_with_a_reason(client: JsonClient) -> None:
         assert reason in answer["msg"]
         assert answer["type"] == name
         assert _lasting_info(client) == before, reason
+    assert client.take_pushes(code) == []  # the reason is in the answer
 
 
 def _lasting_info(client: JsonClient) -> Any:

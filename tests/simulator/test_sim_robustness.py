@@ -191,19 +191,6 @@ def test_connections_without_a_whole_request_are_closed(
     connect().ask(MODE)
 
 
-@pytest.mark.chassis(max_connections=1)
-def test_excess_connections_are_logged_once(
-    tcp: TcpClient, connect_tcp: ConnectTcp, caplog: pytest.LogCaptureFixture
-) -> None:
-    assert tcp.request(MODE).ok
-    for _ in range(3):
-        with pytest.raises(ConnectionError):
-            connect_tcp().receive()
-    refused = [each.message for each in caplog.records if "refused" in each.message]
-    assert len(refused) == 1
-    assert refused[0].endswith("until one disconnects")
-
-
 @pytest.mark.chassis(speed=1, max_outbox=5)
 def test_slow_client_is_dropped_and_delays_no_other(
     simulator: SimulatorThread, connect_tcp: ConnectTcp

@@ -30,18 +30,18 @@ def counted(client: JsonClient) -> JsonClient:
     return client
 
 
-def test_statistics_begin_empty_with_the_first_day(client: JsonClient) -> None:
-    counted = client.ask(COUNT)
-    assert (counted["operationQty"], counted["taskQty"], counted["abnormalQty"]) == (1, 0, 0)
-    (day,) = counted["operations"]["ops"]
+def test_day_begins_empty_and_is_pushed_after_each_metre_and_each_minute(
+    counted: JsonClient,
+) -> None:
+    data = counted.ask(COUNT)
+    assert (data["operationQty"], data["taskQty"], data["abnormalQty"]) == (1, 0, 0)
+    (day,) = data["operations"]["ops"]
     assert (day["id"], day["date"], day["distance"], day["end"]) == (1, 20250101, 0, False)
     assert day["mileage"] == {"start": 1204, "end": 1204}
-    assert (counted["tasks"], counted["abnormals"]) == ({"ts": []}, {"ss": []})
+    assert (data["tasks"], data["abnormals"]) == ({"ts": []}, {"ss": []})
     for name in (TASK, STATUS):
-        assert (client.ask(name)["id"], client.ask(name)["end"]) == (0, False)
+        assert (counted.ask(name)["id"], counted.ask(name)["end"]) == (0, False)
 
-
-def test_day_is_pushed_after_each_metre_and_each_minute(counted: JsonClient) -> None:
     counted.ask("woosh.robot.ExecTask", TO_A2)
     pushed = [counted.next_push(OPERATION) for _ in range(5)]
     assert [each["distance"] for each in pushed] == [1, 2, 3, 4, 5]
