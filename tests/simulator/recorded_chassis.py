@@ -46,10 +46,12 @@ def wait_frame(chassis: SteppedChassis, wanted: Callable[[Frame], Any], after: i
         wanted: returns True for the frame.
         after: number of first frames that do not count.
     """
+    seen = after
     for _ in range(round(_WAIT_TIMEOUT / TIME_STEP)):
-        found = next((frame for frame in chassis.frames[after:] if wanted(frame)), None)
+        found = next((frame for frame in chassis.frames[seen:] if wanted(frame)), None)
         if found:
             return found
+        seen = max(seen, len(chassis.frames))
         chassis.run(TIME_STEP)
     raise AssertionError(f"no such frame among {chassis.frames[after:]}")
 

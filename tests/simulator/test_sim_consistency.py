@@ -53,6 +53,15 @@ def test_setter_changes_getter_push_and_robot_info(
     assert client.take_pushes(name) == []
 
 
+def test_wifi_orders_show_in_network(client: JsonClient) -> None:
+    client.subscribe("woosh.robot.Network")
+    answer = client.ask("woosh.robot.RobotWiFi", {"order": 1})
+    network = client.next_push("woosh.robot.Network")
+    assert network["wifi"]["listJson"] == answer["content"]
+    client.ask("woosh.robot.RobotWiFi", {"order": 4, "content": "d29vc2gtZmFjdG9yeQ=="})
+    assert client.next_push("woosh.robot.Network")["wifi"]["name"] == ""
+
+
 def test_permission_setters_are_answered_and_pushed(client: JsonClient) -> None:
     client.subscribe("woosh.robot.Setting")
     for name in ("AutoCharge", "AutoPark", "GoodsCheck"):

@@ -172,6 +172,14 @@ def test_waiting_requests_of_a_connection_are_limited(client: JsonClient, tcp: T
     assert [client.receive()["sn"] for _ in range(3)] == [1, 2, 3]
     assert tcp.receive().ok
     client.ask(MODE)
+    # Answers that wait for a client go with it.
+    client.simulator.inject("delay", seconds=HOUR)
+    tcp.send(packed(MODE, sn=2))
+    client.simulator.wait_received(MODE, 3)
+    tcp.close()
+    wait_until(lambda: client.simulator.connections == 1)
+    client.simulator.clear_faults()
+    client.ask(MODE)
 
 
 @pytest.mark.chassis(speed=1, max_waiting=2)

@@ -131,6 +131,7 @@ def test_overlapping_faults_last_until_the_last_is_cleared(client: JsonClient) -
     held = [client.simulator.inject("half_open") for _ in range(2)]
     client.send({"type": MODE, "sn": 3})
     held[0].clear()
+    held[0].clear()  # has no effect
     client.assert_silent(0.1)
     assert client.simulator.counts[MODE] == 0
     held[1].clear()

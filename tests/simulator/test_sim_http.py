@@ -260,7 +260,7 @@ ODD_ANSWERS: dict[str, Callable[[Json], bool]] = {
 
 def test_other_faults_of_answers_affect_calls(web: HttpClient) -> None:
     for name, shows in ODD_ANSWERS.items():
-        fault = web.simulator.inject(name, **({"mib": 2} if name == "oversize" else {}))
+        fault = web.simulator.inject(name, **({"mib": 5} if name == "oversize" else {}))
         status, answer = web.post(MODE)
         assert status == 200
         assert shows(answer), name

@@ -244,6 +244,7 @@ REFUSED: list[tuple[str, Json, str]] = [
     ("Upload", {"sceneName": "new"}, "the upload has no files"),
     ("Upload", upload("../new", a_png=floor_png()), "scene_name '../new' must be a name"),
     ("Upload", upload("new", notes_txt=b"hi"), "no file describes a map of scene new"),
+    ("Upload", upload("lab", floor_png=floor_png()[:-400]), "floor.png: not readable as a PNG"),
     ("Upload", upload("wooshmap", FULL, notes_txt=b"hi"), "no file describes a map"),
     (
         "Upload",

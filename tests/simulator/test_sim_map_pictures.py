@@ -76,6 +76,7 @@ def test_unknown_floor_is_transparent_but_not_drivable(tmp_path: Path) -> None:
     planner = Planner(chassis.map, 0.3)
     assert planner.plan((0.5, -1.0), (1.5, -1.0)) == [(1.5, -1.0)]
     assert planner.plan((0.5, -1.0), (4.0, -1.0)) is None
+    assert planner.plan((2.5, -1.0), (0.5, -1.0)) is None
     answer = execute(chassis, "woosh.robot.InitRobot", pose={"x": 2.5, "y": 0.0, "theta": 0.0})
     assert (answer.ok, "outside map" in answer.msg) == (False, True)
 

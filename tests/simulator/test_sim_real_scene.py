@@ -343,6 +343,7 @@ Image.new("L", (10, 10), 216).save(SMALL_PICTURE, "PNG")
     ("changes", "findings"),
     [
         ([write("scene.json", b"[]")], ["scene.json: must be a mapping of keys to values"]),
+        ([write("scene.json", b"{")], ["scene.json: not readable as JSON: "]),
         (
             [write("scene.json", b'{"maps": [{"id": 0, "name": "../x"}]}')],
             ["scene.json: maps[0].name: '../x' must be a name that is not a path"],

@@ -239,8 +239,9 @@ def test_navigation_mode_changes_the_speed_while_navigating(client: JsonClient) 
     set_speed(client.simulator, 5.0)  # it still drives when the mode changes
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
     client.next_push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.79)
-    too_low = {"navMode": {"type": 2, "mode": 1, "maxSpeed": 1e-9}}
-    assert "speed" in client.refusal("woosh.robot.ChangeNavMode", too_low)
+    for speed in (-0.5, 1e-9):
+        too_low = {"navMode": {"type": 2, "mode": 1, "maxSpeed": speed}}
+        assert "speed" in client.refusal("woosh.robot.ChangeNavMode", too_low)
     client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": 2, "maxSpeed": 0.3}})
     set_speed(client.simulator, 50.0)
     client.next_push("woosh.robot.PoseSpeed", lambda body: 0.29 < body["twist"]["linear"] < 0.301)
