@@ -188,17 +188,6 @@ def test_emergency_stop_ends_actions(client: JsonClient) -> None:
     assert client.simulator.state.velocity.speed == 0.0
 
 
-def test_feedbacks_request_returns_the_last_state_of_each_action(client: JsonClient) -> None:
-    assert client.ask(FEEDBACKS) == {"fbs": []}
-    client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
-    client.ask(CALL, step_request(2, 0.1))
-    ended = 0
-    while ended < 2:
-        ended += next_feedback(client)["state"] in TERMINAL
-    last = {each["action"]: each["state"] for each in client.ask(FEEDBACKS)["fbs"]}
-    assert last == {"woosh.ros.action.LiftControl": 1, "woosh.ros.action.StepControl": 1}
-
-
 CHARGE = {"chargeControl": {"action": 1, "executeMode": 1}}
 EXIT = {"chargeControl": {"action": 1, "executeMode": 2}}
 

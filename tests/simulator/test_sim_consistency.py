@@ -72,18 +72,13 @@ def test_permission_setters_are_answered_and_pushed(client: JsonClient) -> None:
             assert client.next_push("woosh.robot.Setting")["allow"][key] is allow
 
 
-@pytest.mark.parametrize("setter", ["InitRobot", "SetRobotPose"])
-def test_pose_setter_moves_robot_and_scan(client: JsonClient, setter: str) -> None:
-    client.subscribe("woosh.robot.PoseSpeed")
-    client.ask(f"woosh.robot.{setter}", {"pose": {"x": 1.23, "y": 2.34, "theta": 1.57}})
-    pose = client.next_push("woosh.robot.PoseSpeed")["pose"]
-    assert [pose["x"], pose["y"], pose["theta"]] == pytest.approx([1.23, 2.34, 1.57])
-    scan = client.ask("woosh.robot.ScannerData")
-    assert scan["pose"] == pose
-    assert client.simulator.state.pose.x == pytest.approx(1.23)
-
-
-def test_init_robot_in_place_ignores_the_empty_pose(client: JsonClient) -> None:
+def test_pose_setters_move_the_robot_and_its_scan(client: JsonClient) -> None:
+    for number, setter in enumerate(("InitRobot", "SetRobotPose")):
+        pose = {"x": 1.0 + number, "y": 2.34, "theta": 1.57}
+        client.ask(f"woosh.robot.{setter}", {"pose": pose})
+        assert client.ask("woosh.robot.PoseSpeed")["pose"] == pytest.approx(pose)
+        assert client.ask("woosh.robot.ScannerData")["pose"] == pytest.approx(pose)
+    # An empty pose stands for the place where the robot is.
     before = client.ask("woosh.robot.PoseSpeed")
     client.ask("woosh.robot.InitRobot", {"isRecord": True, "pose": {"x": 0, "y": 0, "theta": 0}})
     assert client.ask("woosh.robot.PoseSpeed") == before
@@ -118,15 +113,26 @@ def test_scene_data_groups_marks_by_kind(client: JsonClient) -> None:
     assert charger["pose"]["dock"]["x"] == pytest.approx(-10.8)
 
 
-def test_emergency_stop_shows_in_all_states(client: JsonClient) -> None:
-    topics = ["DeviceState", "RobotState", "OperationState", "HardwareState"]
-    client.subscribe("woosh.robot.count.AbnormalCodes", *(f"woosh.robot.{t}" for t in topics))
+def test_emergency_stop_and_lost_localisation_show_in_all_states(client: JsonClient) -> None:
+    abnormal, stopped, lost = "woosh.robot.count.AbnormalCodes", "110201000013", "130103000012"
+
+    def next_codes() -> list[str]:
+        return [each["code"] for each in client.next_push(abnormal)["scs"]]
+
+    client.subscribe(abnormal, "woosh.robot.RobotState")
     client.simulator.set_emergency_stop(True)
     assert client.next_push("woosh.robot.RobotState")["state"] == 6
     info = client.ask("woosh.robot.RobotInfo")
-    assert info["deviceState"]["hardware"] == 1024
+    device = info["deviceState"]
+    assert (device["hardware"], device["software"]) == (1024, 1)
     assert info["operationState"]["robot"] == 0
-    assert [code["code"] for code in info["abnormalCodes"]["scs"]] == ["110201000013"]
+    assert [code["code"] for code in info["abnormalCodes"]["scs"]] == [stopped]
+    client.pushes.clear()
+    fault = client.simulator.inject("lost_localisation")
+    assert next_codes() == [stopped, lost]
+    assert client.ask("woosh.robot.DeviceState")["software"] == 0
+    fault.clear()
+    assert next_codes() == [stopped]
     assert "emergency stop" in client.refusal("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
     assert "emergency stop" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
     client.simulator.set_emergency_stop(False)

@@ -123,26 +123,6 @@ def test_wrong_sn_shifts_the_serial_number(client: JsonClient) -> None:
         assert client.receive()["sn"] == sn
 
 
-def test_wrong_type_replaces_the_type_name(client: JsonClient, tcp: TcpClient) -> None:
-    client.simulator.inject("wrong_type", type=BATTERY)
-    answer = client.request(BATTERY)
-    assert (answer["type"], answer["body"]["power"] > 0) == ("woosh.robot.Network", True)
-    answer = tcp.request(BATTERY)
-    assert answer.type == "woosh.robot.Network"
-    assert answer.body.type_url.endswith(BATTERY)
-    assert client.request(MODE)["type"] == MODE
-
-
-def test_faults_can_be_combined(client: JsonClient) -> None:
-    client.simulator.inject("answer_twice", type=BATTERY)
-    client.simulator.inject("wrong_type", other=MODE)
-    client.simulator.inject("delay", seconds=0.01)
-    client.send({"type": BATTERY, "sn": 1})
-    assert [client.receive()["type"] for _ in range(2)] == [MODE, MODE]
-    client.simulator.clear_faults()
-    assert client.request(BATTERY)["type"] == BATTERY
-
-
 def test_hook_replaces_the_earlier_one_of_its_kind(client: JsonClient) -> None:
     client.simulator.delay(BATTERY, HOUR)
     client.simulator.delay(BATTERY, 0.01)

@@ -22,7 +22,6 @@ from tests.simulator.mapping import (
     turn_around,
     use_map,
 )
-from tests.simulator.real_tasks import watch
 from tests.simulator.recorded_chassis import SteppedChassis, ask, pushed
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall
 from woosh_robot_agent.simulator.world.grid import Grid
@@ -86,21 +85,6 @@ def test_map_made_by_driving_shows_what_the_robot_has_seen() -> None:
         for x, y in wall
     ]
     assert sum(shown) >= 0.97 * len(wall)
-
-
-def test_path_avoids_what_the_robot_has_not_seen() -> None:
-    """The map shows the room in which the robot was; the goal is in another one."""
-    chassis = SteppedChassis(profile="instant")
-    start_mapping(chassis)
-    turn_around(chassis)
-    save_map(chassis)
-    use_map(chassis)
-    grid = made_grid(chassis.chassis.map)
-    assert value_at(grid, 0.0, -7.0) == FREE
-    assert chassis.chassis.map.contains(-10.0, -9.0) is False
-    body = {"taskId": "1719960031290", "type": 2, "pose": {"x": -10.0, "y": -9.0}}
-    task = watch(chassis, lambda: chassis.request("woosh.robot.ExecTask", **body))
-    assert task.triples[-1][0] == "kFailed"
 
 
 def test_robot_collides_with_walls_that_its_map_lacks() -> None:

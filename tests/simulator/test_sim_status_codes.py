@@ -42,23 +42,6 @@ def test_language_of_the_texts(options: dict[str, str], language: str) -> None:
             assert code["level"] == 3
 
 
-def test_abnormal_codes_list_what_is_wrong_now(client: JsonClient) -> None:
-    assert client.ask(ABNORMAL)["scs"] == []
-    client.subscribe(ABNORMAL, "woosh.robot.DeviceState")
-    stop = client.simulator.inject("emergency_stop")
-    assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["110201000013"]
-    device = client.ask("woosh.robot.DeviceState")
-    assert (device["hardware"], device["software"]) == (1024, 1)
-    lost = client.simulator.inject("lost_localisation")
-    found = [each["code"] for each in client.next_push(ABNORMAL)["scs"]]
-    assert found == ["110201000013", "130103000012"]
-    assert client.ask("woosh.robot.DeviceState")["software"] == 0
-    stop.clear()
-    assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["130103000012"]
-    lost.clear()
-    assert client.next_push(ABNORMAL)["scs"] == []
-
-
 def test_changes_of_the_control_mode_are_reported(client: JsonClient) -> None:
     client.subscribe(CODE)
     for mode, code in ((3, "140802000071"), (2, "140802000061"), (1, "140802000051")):
