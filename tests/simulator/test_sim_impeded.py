@@ -198,11 +198,17 @@ def test_paused_task_is_not_impeded(client: JsonClient) -> None:
 
 def test_move_base_reports_an_obstacle_in_the_way(client: JsonClient) -> None:
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 9.0}}})
-    client.ask(CALL, {"navMode": {"mode": 2}})
+    client.ask(CALL, {"navMode": {"mode": WAIT}})
+    action = "woosh.ros.action.NavigationMode"
+    for state in (2, 1):  # executes, succeeds
+        mode = client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["action"] == action)
+        assert mode["fbs"][0]["state"] == state
     speed_up(client)
     (report,) = client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 10)["fbs"]
     assert "an obstacle stands in the way" in report["msg"]
     assert client.next_push(OPERATION)["nav"] == IMPEDE
+    pass_time(client.simulator, 20.0)
+    assert client.ask(OPERATION)["nav"] == IMPEDE  # it waits, as the mode says
     remove(client)
     assert client.next_push(OPERATION)["nav"] == 0
     assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
