@@ -19,25 +19,11 @@ from woosh_robot_agent.simulator.scene_check import check_scene
 from woosh_robot_agent.simulator.scenes import files as scenes
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.collision import Obstacles
-from woosh_robot_agent.simulator.world.geometry import Pose, Wall
-from woosh_robot_agent.simulator.world.maps import MarkKind
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.picture import draw
 from woosh_robot_agent.simulator.world.planner import Planner
 
 SHIPPED = Path(scenes.__file__).parents[1] / "data"
-
-
-def test_default_scene_is_wooshmap() -> None:
-    chassis = Chassis(quick_config(seed=1))
-    assert list(chassis.scenes) == ["wooshmap", "scenex"]
-    (area,) = chassis.scene.maps
-    assert (area.id, area.name, area.floor, area.version) == (3, "wooshmap", "1F", 147)
-    assert (area.low, area.high) == ((-12.0, -10.0), (12.0, 10.0))
-    assert len(area.walls) == 19
-    assert Wall(12.0, 1.0, 12.0, 10.0) in area.walls
-    assert area.marks["A10"].pose == Pose(9.5, 7.0, math.pi / 2)
-    assert area.marks["A10"].kind is MarkKind.PALLET_PLATFORM
-    assert chassis.base.pose == Pose(4.23276472, -6.6727581, -0.255771846)
 
 
 @pytest.mark.parametrize("name", ["wooshmap", "scenex"])

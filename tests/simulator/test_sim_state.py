@@ -7,7 +7,7 @@ import pytest
 from tests.simulator.recorded_chassis import SteppedChassis, ask, wait_frame
 from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.simulator import Outgoing, SimulatedChassis
+from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
@@ -133,26 +133,23 @@ def test_following_ends_with_a_job_that_goes_on(quick: SteppedChassis) -> None:
     assert not quick.chassis.follower.active
 
 
-def test_battery_drains_with_motion_and_charges_at_the_dock(client: JsonClient) -> None:
-    levels: list[float] = []
-    battery = client.simulator.call(lambda s: s.chassis.battery)
-
-    def record_level(out: Outgoing) -> list[Outgoing]:
-        if out.type == PROC and out.body.action.type == 7:  # it charges
-            levels.append(battery.level)
-        return [out]
-
-    client.simulator.intercept(record_level)
-    client.subscribe(PROC, "woosh.robot.Battery")
-    client.simulator.call(lambda s: setattr(s.chassis.battery, "level", 60.4))
-    client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
-    client.next_push(PROC, lambda body: body.get("action", {}).get("type") == 7)
-    assert levels[0] < 60.4 - 15 * 0.005  # the way is longer than 15 m
-    charging = client.next_push("woosh.robot.Battery", lambda body: body["chargeState"] == 3)
-    assert client.next_push("woosh.robot.Battery", lambda body: body["power"] > charging["power"])
-    assert client.ask(STATE)["state"] == 8
-    client.ask("woosh.robot.ActionOrder", {"order": 4})
-    assert client.ask("woosh.robot.Battery")["chargeState"] == 1
+def test_battery_drains_with_motion_and_charges_at_the_dock(quick: SteppedChassis) -> None:
+    battery = quick.chassis.battery
+    battery.level = 60.4
+    ask(quick, "woosh.robot.ExecTask", type=3, markNo="C1")
+    charging = 7
+    wait_frame(
+        quick,
+        lambda frame: frame.type == PROC and frame.body.get("action", {}).get("type") == charging,
+    )
+    before = battery.level
+    assert before < 60.4 - 15 * 0.005  # the way is longer than 15 m
+    quick.run(60.0)
+    assert battery.level > before + 0.9
+    assert ask(quick, "woosh.robot.Battery").body["chargeState"] == 3
+    assert ask(quick, STATE).body["state"] == 8
+    ask(quick, "woosh.robot.ActionOrder", order=4)
+    assert ask(quick, "woosh.robot.Battery").body["chargeState"] == 1
 
 
 def test_empty_battery_refuses_motion_until_it_is_charged(client: JsonClient) -> None:
