@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from tests.fact_files import FOLDER, facts
+from tests.fact_files import facts
 from tests.simulator.recorded_chassis import Frame, SteppedChassis, wait_frame
 from tests.simulator.sim_wire import Json
 from woosh_robot_agent.pb.task import woosh_task_pb2
@@ -44,11 +43,6 @@ class Report(NamedTuple):
 
 def real_robot() -> Any:
     return facts("real_robot.yaml")
-
-
-def real_tasks() -> Any:
-    """Return the tasks of the real robot, frame by frame."""
-    return json.loads((FOLDER / "real_tasks.json").read_text())
 
 
 def task_id(body: Json) -> int:
@@ -128,11 +122,7 @@ def watch(
         after=start,
     )
     chassis.run(2.0)
-    return seen(chassis.frames[start:], sn, number)
-
-
-def seen(frames: Sequence[Frame], sn: int, number: int) -> RealTask:
-    """Return what was seen of a task, from all frames."""
+    frames = chassis.frames[start:]
     answered = next(frame.time for frame in frames if frame.sn == sn)
     reports, others = [], []
     for frame in frames:

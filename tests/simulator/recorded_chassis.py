@@ -46,10 +46,12 @@ def wait_frame(chassis: SteppedChassis, wanted: Callable[[Frame], Any], after: i
         wanted: returns True for the frame.
         after: number of first frames that do not count.
     """
+    seen = after
     for _ in range(round(_WAIT_TIMEOUT / TIME_STEP)):
-        found = next((frame for frame in chassis.frames[after:] if wanted(frame)), None)
+        found = next((frame for frame in chassis.frames[seen:] if wanted(frame)), None)
         if found:
             return found
+        seen = max(seen, len(chassis.frames))
         chassis.run(TIME_STEP)
     raise AssertionError(f"no such frame among {chassis.frames[after:]}")
 
@@ -118,23 +120,3 @@ class SteppedChassis(Client):
 def pushed(chassis: SteppedChassis, type_name: str) -> list[Frame]:
     """Return all pushes of a type."""
     return [frame for frame in chassis.frames if frame.type == type_name and not frame.sn]
-
-
-def answer_times(type_name: str, count: int) -> list[float]:
-    """Return the times of the answers to `count` requests of a type, shortest first.
-
-    Each request is sent after the answer to the one before, whether that was accepted or refused.
-    """
-    chassis = SteppedChassis()
-    found = []
-    for _ in range(count):
-        sent = chassis.chassis.elapsed
-        found.append(answer_to(chassis, type_name, **_BODIES.get(type_name, {})).time - sent)
-    return sorted(found)
-
-
-_BODIES: dict[str, Json] = {
-    "woosh.robot.InitRobot": {"isRecord": True},
-    "woosh.robot.SwitchWorkMode": {"mode": 2},
-}
-"""Bodies of requests whose answers are timed; all others are empty."""

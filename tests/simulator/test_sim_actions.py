@@ -8,7 +8,6 @@ import pytest
 
 from tests.quick_chassis import set_speed
 from tests.simulator.sim_wire import Json, JsonClient
-from woosh_robot_agent.testing import wait_until
 
 CALL = "woosh.ros.CallAction"
 FEEDBACKS = "woosh.ros.Feedbacks"
@@ -44,47 +43,28 @@ def step_request(mode: int, value: float, **more: float) -> Json:
     return {"stepControl": {"action": 1, "steps": [{"mode": mode, "value": value, **more}]}}
 
 
-@pytest.mark.parametrize(
-    ("mode", "value", "angle", "expected"),
-    [
-        (1, 2.0, 0.0, (2.0, 0.0, 0.0)),
-        (1, -0.5, 0.0, (-0.5, 0.0, 0.0)),
-        (2, 3.14, 0.0, (0.0, 0.0, 3.14)),
-        (2, -1.0, 0.0, (0.0, 0.0, -1.0)),
-        (3, 0.7, 0.0, (0.0, 0.7, 0.0)),
-        (4, 1.0, -math.pi / 4, (math.sqrt(0.5), -math.sqrt(0.5), 0.0)),
-        (1, 0.0, 0.0, (0.0, 0.0, 0.0)),
-    ],
-)
-def test_step_moves_the_base_by_its_value(
-    client: JsonClient, mode: int, value: float, angle: float, expected: tuple[float, float, float]
-) -> None:
-    client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
-    client.ask(CALL, step_request(mode, value, speed=0.78, angle=angle))
-    reports = feedback_until_end(client)
-    assert {each["action"] for each in reports} == {"woosh.ros.action.StepControl"}
-    assert [each["state"] for each in reports[:-1]] == [EXECUTING] * (len(reports) - 1)
-    assert reports[-1]["state"] == SUCCESS
-    pose = client.simulator.state.pose
-    assert (pose.x - 3, pose.y, pose.theta) == pytest.approx(expected, abs=1e-5)
+STEPS = [
+    (1, 2.0, 0.0, (2.0, 0.0, 0.0)),
+    (1, -0.5, 0.0, (-0.5, 0.0, 0.0)),
+    (2, 3.14, 0.0, (0.0, 0.0, 3.14)),
+    (2, -1.0, 0.0, (0.0, 0.0, -1.0)),
+    (3, 0.7, 0.0, (0.0, 0.7, 0.0)),
+    (4, 1.0, -math.pi / 4, (math.sqrt(0.5), -math.sqrt(0.5), 0.0)),
+    (1, 0.0, 0.0, (0.0, 0.0, 0.0)),
+]
+"""Modes of steps, their values and angles, and the changes of the pose."""
 
 
-def test_steps_run_one_after_another(client: JsonClient) -> None:
-    client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
-    square = [{"mode": 1, "value": 1}, {"mode": 2, "value": math.pi / 2}] * 4
-    client.ask(CALL, {"stepControl": {"action": 1, "steps": square}})
-    assert feedback_until_end(client)[-1]["state"] == SUCCESS
-    pose = client.simulator.state.pose
-    assert (pose.x, pose.y, pose.theta) == pytest.approx((3, 0, 0), abs=1e-4)
-    assert client.simulator.state.odometer == pytest.approx(1208.0, abs=1e-3)
-
-
-def test_step_fails_at_a_wall(client: JsonClient) -> None:
-    client.ask("woosh.robot.InitRobot", {"pose": {"x": 10, "y": 5, "theta": 0}})
-    client.ask(CALL, step_request(1, 5.0))
-    end = feedback_until_end(client)[-1]
-    assert end["state"] == FAILURE
-    assert "obstacle" in end["msg"]
+def test_step_moves_the_base_by_its_value(client: JsonClient) -> None:
+    for mode, value, angle, expected in STEPS:
+        client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
+        client.ask(CALL, step_request(mode, value, speed=0.78, angle=angle))
+        reports = feedback_until_end(client)
+        assert {each["action"] for each in reports} == {"woosh.ros.action.StepControl"}
+        assert [each["state"] for each in reports[:-1]] == [EXECUTING] * (len(reports) - 1)
+        assert reports[-1]["state"] == SUCCESS
+        pose = client.simulator.state.pose
+        assert (pose.x - 3, pose.y, pose.theta) == pytest.approx(expected, abs=1e-5)
 
 
 def test_lift_actions_reach_their_heights(client: JsonClient) -> None:
@@ -109,72 +89,55 @@ def test_lift_actions_reach_their_heights(client: JsonClient) -> None:
 TARGET = {"x": 0.57, "y": 2.54, "theta": 1.57}
 
 
-@pytest.mark.parametrize(
-    "move",
-    [
+def test_move_base_reaches_its_target_or_last_pose(client: JsonClient) -> None:
+    via = {"x": 3, "y": -2}
+    for move in (
         {"poses": [TARGET], "targetPose": TARGET},
-        {"poses": [{"x": 3, "y": -2}, TARGET], "targetPose": {}, "executionMode": 1},
-    ],
-    ids=["target", "last pose"],
-)
-def test_move_base_reaches_its_target_or_last_pose(client: JsonClient, move: Json) -> None:
-    client.ask(CALL, {"moveBase": {"action": 1, **move}})
-    reports = feedback_until_end(client)
-    assert reports[-1]["state"] == SUCCESS
-    assert len(reports) > 3
-    pose = client.simulator.state.pose
-    assert (pose.x, pose.y, pose.theta) == pytest.approx((0.57, 2.54, 1.57), abs=0.005)
+        {"poses": [via, TARGET], "targetPose": {}, "executionMode": 1},
+    ):
+        client.ask(CALL, {"moveBase": {"action": 1, **move}})
+        reports = feedback_until_end(client)
+        assert reports[-1]["state"] == SUCCESS
+        assert len(reports) > 3
+        pose = client.simulator.state.pose
+        assert (pose.x, pose.y, pose.theta) == pytest.approx((0.57, 2.54, 1.57), abs=0.005)
 
 
 def test_action_can_be_paused_resumed_and_cancelled(client: JsonClient) -> None:
-    client.ask(CALL, step_request(1, 3.0, speed=0.1))
+    client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
+    set_speed(client.simulator, 1.0)  # it drives until it is paused
+    client.ask(CALL, step_request(1, 2.0, speed=0.1))
     assert next_feedback(client)["state"] == EXECUTING
     client.ask(CALL, {"stepControl": {"action": 2}})
     wait_state(client, PAUSE)
     assert client.ask("woosh.robot.OperationState")["robot"] == 1
     client.ask(CALL, {"stepControl": {"action": 3}})
-    assert next_feedback(client)["state"] == EXECUTING
+    set_speed(client.simulator, 50.0)
+    assert feedback_until_end(client)[-1]["state"] == SUCCESS
+    assert client.simulator.state.pose.x == pytest.approx(5.0, abs=1e-5)
+    client.ask(CALL, step_request(1, -3.0, speed=0.1))
     client.ask(CALL, {"stepControl": {"action": 0}})
     assert feedback_until_end(client)[-1]["state"] == CANCEL
     for action in (0, 2, 3):
         assert "not running" in client.refusal(CALL, {"stepControl": {"action": action}})
 
 
-def test_resumed_step_covers_its_full_distance(client: JsonClient) -> None:
-    client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
-    client.ask(CALL, step_request(1, 2.0, speed=0.1))
-    next_feedback(client)
-    client.ask(CALL, {"stepControl": {"action": 2}})
-    client.ask(CALL, {"stepControl": {"action": 3}})
-    assert feedback_until_end(client)[-1]["state"] == SUCCESS
-    assert client.simulator.state.pose.x == pytest.approx(5.0, abs=1e-5)
-
-
-def test_newer_action_replaces_the_older_one(client: JsonClient) -> None:
-    client.ask(CALL, step_request(1, 3.0, speed=0.1))
-    assert next_feedback(client)["state"] == EXECUTING
-    client.pushes.clear()
-    client.ask(CALL, step_request(2, 0.2))
-    # The cancellation is pushed before the answer.
-    ends = [frame["body"]["fbs"][0] for frame in client.pushes if frame["type"] == FEEDBACKS]
-    assert ends[-1]["state"] == CANCEL
-    assert "replaced" in ends[-1]["msg"]
-    client.pushes.clear()
-    assert [each["state"] for each in feedback_until_end(client)][-1] == SUCCESS
-
-
-def test_move_base_replaces_a_step_but_a_lift_does_not(client: JsonClient) -> None:
-    client.ask(CALL, step_request(1, 3.0, speed=0.1))
+def test_newer_motion_replaces_a_step_but_a_lift_does_not(client: JsonClient) -> None:
+    client.ask(CALL, step_request(1, 3.0, speed=0.05))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     end = feedback_until_end(client)[-1]
     assert (end["action"], end["state"]) == ("woosh.ros.action.LiftControl", SUCCESS)
+    client.pushes.clear()
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": -5}}})
-    end = feedback_until_end(client)[-1]
-    assert (end["action"], end["state"]) == ("woosh.ros.action.StepControl", CANCEL)
+    # The cancellation is pushed before the answer.
+    ends = [frame["body"]["fbs"][0] for frame in client.pushes if frame["type"] == FEEDBACKS]
+    assert (ends[-1]["action"], ends[-1]["state"]) == ("woosh.ros.action.StepControl", CANCEL)
+    assert "replaced" in ends[-1]["msg"]
 
 
 def test_task_replaces_a_step_and_refuses_another(client: JsonClient) -> None:
     client.subscribe("woosh.robot.TaskProc")
+    set_speed(client.simulator, 1.0)  # nothing ends by itself
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     client.ask("woosh.robot.ExecTask", {"taskId": 4, "type": 1, "markNo": "A23"})
     assert feedback_until_end(client)[-1]["state"] == CANCEL
@@ -188,34 +151,32 @@ def test_task_replaces_a_step_and_refuses_another(client: JsonClient) -> None:
     client.ask("woosh.robot.ActionOrder", {"order": 3})
 
 
-@pytest.mark.parametrize(
-    ("start", "cancel"),
-    [
-        (step_request(1, 3.0, speed=0.1), {"stepControl": {"steps": [{"value": 0}]}}),
-        (step_request(1, 3.0, speed=0.1), {"stepControl": {"steps": [{"mode": 1, "value": 1}]}}),
-        (
-            {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": -5}}},
-            {"moveBase": {"targetPose": {"x": 1, "y": -5}, "poses": [{"x": 1, "y": -5}]}},
-        ),
-        (
-            {"liftControl3": {"action": 1, "executeMode": 1, "height": 0.5, "speed": 0.01}},
-            {"liftControl3": {"executeMode": 1, "height": 0.1}},
-        ),
-    ],
-)
-def test_cancel_moves_nothing_whatever_else_the_command_contains(
-    client: JsonClient, start: Json, cancel: Json
-) -> None:
+CANCELS: list[tuple[Json, Json]] = [
+    (step_request(1, 3.0, speed=0.1), {"stepControl": {"steps": [{"mode": 1, "value": 1}]}}),
+    (
+        {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": -5}}},
+        {"moveBase": {"targetPose": {"x": 1, "y": -5}, "poses": [{"x": 1, "y": -5}]}},
+    ),
+    (
+        {"liftControl3": {"action": 1, "executeMode": 1, "height": 0.5, "speed": 0.01}},
+        {"liftControl3": {"executeMode": 1, "height": 0.1}},
+    ),
+]
+"""Commands, and those that cancel them."""
+
+
+def test_cancel_moves_nothing_whatever_else_the_command_contains(client: JsonClient) -> None:
+    set_speed(client.simulator, 1.0)  # so that no command has ended when it is cancelled
     before = client.simulator.state
-    assert "is not running" in client.refusal(CALL, cancel)
-    assert (client.simulator.state.pose, client.simulator.state.column) == (
-        before.pose,
-        before.column,
-    )
-    client.ask(CALL, start)
-    assert next_feedback(client)["state"] == EXECUTING
-    client.ask(CALL, cancel)
-    assert feedback_until_end(client)[-1]["state"] == CANCEL
+    for _, cancel in CANCELS:
+        assert "is not running" in client.refusal(CALL, cancel)
+    now = client.simulator.state
+    assert (now.pose, now.column) == (before.pose, before.column)
+    for start, cancel in CANCELS:
+        client.ask(CALL, start)
+        assert next_feedback(client)["state"] == EXECUTING
+        client.ask(CALL, cancel)
+        assert feedback_until_end(client)[-1]["state"] == CANCEL
 
 
 def test_emergency_stop_ends_actions(client: JsonClient) -> None:
@@ -227,31 +188,24 @@ def test_emergency_stop_ends_actions(client: JsonClient) -> None:
     assert client.simulator.state.velocity.speed == 0.0
 
 
-def test_feedbacks_request_returns_the_last_state_of_each_action(client: JsonClient) -> None:
-    assert client.ask(FEEDBACKS) == {"fbs": []}
-    client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
-    client.ask(CALL, step_request(2, 0.1))
-    ended = 0
-    while ended < 2:
-        ended += next_feedback(client)["state"] in TERMINAL
-    last = {each["action"]: each["state"] for each in client.ask(FEEDBACKS)["fbs"]}
-    assert last == {"woosh.ros.action.LiftControl": 1, "woosh.ros.action.StepControl": 1}
-
-
 CHARGE = {"chargeControl": {"action": 1, "executeMode": 1}}
 EXIT = {"chargeControl": {"action": 1, "executeMode": 2}}
 
 
-@pytest.fixture
-def at_charger(client: JsonClient) -> None:
-    client.ask("woosh.robot.InitRobot", {"pose": {"x": -10.8, "y": 0.5, "theta": 3.14}})
-
-
-@pytest.mark.usefixtures("at_charger")
-def test_charge_control_starts_and_stops_charging(client: JsonClient) -> None:
-    client.ask(CALL, CHARGE)
-    while client.ask("woosh.robot.Battery")["chargeState"] != 3:
+def wait_charge_state(client: JsonClient, state: int) -> None:
+    while client.ask("woosh.robot.Battery")["chargeState"] != state:
         pass
+
+
+def test_charge_control_starts_pauses_and_stops_charging(client: JsonClient) -> None:
+    client.ask("woosh.robot.InitRobot", {"pose": {"x": -10.8, "y": 0.5, "theta": 3.14}})
+    client.ask(CALL, CHARGE)
+    for action, state, charge_state in ((2, PAUSE, 1), (3, EXECUTING, 3), (0, CANCEL, 1)):
+        client.ask(CALL, {"chargeControl": {"action": action}})
+        wait_state(client, state)
+        wait_charge_state(client, charge_state)
+    client.ask(CALL, CHARGE)
+    wait_charge_state(client, 3)
     client.pushes.clear()
     client.ask(CALL, EXIT)
     ends = [feedback_until_end(client)[-1] for _ in range(2)]
@@ -263,16 +217,6 @@ def test_charge_control_starts_and_stops_charging(client: JsonClient) -> None:
     assert client.ask("woosh.robot.RobotState")["state"] == 2
     pose = client.simulator.state.pose
     assert (pose.x, pose.y) == pytest.approx((-10.3, 0.5), abs=0.01)
-
-
-@pytest.mark.usefixtures("at_charger")
-def test_charging_pauses_resumes_and_is_cancelled(client: JsonClient) -> None:
-    client.ask(CALL, CHARGE)
-    for action, state, charge_state in ((2, PAUSE, 1), (3, EXECUTING, 3), (0, CANCEL, 1)):
-        client.ask(CALL, {"chargeControl": {"action": action}})
-        wait_state(client, state)
-        while client.ask("woosh.robot.Battery")["chargeState"] != charge_state:
-            pass
 
 
 def test_leaving_a_charger_elsewhere_succeeds_without_moving(client: JsonClient) -> None:
@@ -289,50 +233,8 @@ def test_leaving_a_charger_is_refused_while_a_task_charges(client: JsonClient) -
     assert client.refusal(CALL, EXIT).startswith("task 5 is running")
 
 
-# Slow enough that the lift moves while requests come, also on a busy machine.
-@pytest.mark.chassis(speed=2)
-def test_lift_to_a_height_pauses_resumes_and_is_cancelled(client: JsonClient) -> None:
-    client.ask(CALL, {"liftControl2": {"action": 1, "height": 1.0}})
-    assert next_feedback(client)["action"] == "woosh.ros.action.LiftControl2"
-    wait_until(lambda: client.simulator.state.column > 0.0, "the lift")
-    client.ask(CALL, {"liftControl2": {"action": 2}})
-    wait_state(client, PAUSE)
-    paused_at = client.simulator.state.column
-    assert 0.0 < paused_at < 1.0
-    client.ask(CALL, {"liftControl2": {"action": 3}})
-    wait_state(client, EXECUTING)
-    wait_until(lambda: client.simulator.state.column > paused_at, "the lift")
-    client.ask(CALL, {"liftControl2": {"action": 0}})
-    assert feedback_until_end(client)[-1]["state"] == CANCEL
-    assert client.simulator.state.column < 1.0
-    too_high = client.refusal(CALL, {"liftControl2": {"action": 1, "height": 1.1}})
-    assert too_high.startswith("lift")
-
-
-def test_nav_mode_action_limits_the_speed_and_ends(client: JsonClient) -> None:
-    client.subscribe("woosh.robot.PoseSpeed")
-    set_speed(client.simulator, 1.0)  # the mode is set before the robot has accelerated
-    client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 3, "y": 8}}})
-    client.ask(CALL, {"navMode": {"mode": 1, "maxSpeed": 0.25}})
-    set_speed(client.simulator, 50.0)
-    speeds, states = [], []
-    while True:
-        frame = client.receive()
-        if frame["type"] == "woosh.robot.PoseSpeed":
-            speeds.append(frame["body"]["twist"]["linear"])
-        elif frame["body"]["fbs"][0]["action"] == "woosh.ros.action.NavigationMode":
-            states.append(frame["body"]["fbs"][0]["state"])
-        elif frame["body"]["fbs"][0]["state"] in TERMINAL:
-            break
-    assert max(speeds) == pytest.approx(0.25)
-    assert states == [EXECUTING, SUCCESS]
-
-
-def test_nav_mode_action_with_an_unusable_wait_is_refused(client: JsonClient) -> None:
-    assert "wait_time is" in client.refusal(CALL, {"navMode": {"mode": 3, "waitTime": 1e38}})
-
-
 def test_path_requests_refer_to_the_job_that_drives(client: JsonClient) -> None:
+    set_speed(client.simulator, 1.0)  # nothing ends by itself
     client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
     client.ask("woosh.robot.ActionOrder", {"order": 2})
 
@@ -371,9 +273,11 @@ def test_path_requests_refer_to_the_action_for_which_a_task_waits(client: JsonCl
 
 
 def test_zero_twist_pauses_a_moving_action(client: JsonClient) -> None:
+    set_speed(client.simulator, 1.0)  # the step has not ended when the velocity comes
     client.ask(CALL, step_request(1, 3.0, speed=0.5))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     answer = client.request("woosh.robot.Twist")
+    set_speed(client.simulator, 50.0)
     assert answer["msg"] == "stopped: StepControl is paused, continue or cancel it"
     assert client.simulator.state.velocity.speed == 0.0
     states: dict[str, int] = {}
@@ -385,18 +289,14 @@ def test_zero_twist_pauses_a_moving_action(client: JsonClient) -> None:
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
 
 
-@pytest.mark.parametrize(
-    ("target", "code"),
-    [
+def test_move_base_to_a_pose_that_cannot_be_reached_reports_a_status_code(
+    client: JsonClient,
+) -> None:
+    for target, code in (
         ({"x": -4.8, "y": -6.0}, "130101000011"),  # too close to a wall to stand there
         ({"x": 500.0, "y": 0.0}, "130101000021"),  # outside the map
-    ],
-)
-def test_move_base_to_a_pose_that_cannot_be_reached_reports_a_status_code(
-    client: JsonClient, target: dict[str, float], code: str
-) -> None:
-    client.ask(CALL, {"moveBase": {"action": 1, "poses": [target], "targetPose": target}})
-    end = feedback_until_end(client)[-1]
-    assert end["state"] == FAILURE
-    assert end["code"] == code
-    assert "no free path" in end["msg"]
+    ):
+        client.ask(CALL, {"moveBase": {"action": 1, "poses": [target], "targetPose": target}})
+        end = feedback_until_end(client)[-1]
+        assert (end["state"], end["code"]) == (FAILURE, code)
+        assert "no free path" in end["msg"]

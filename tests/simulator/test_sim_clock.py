@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from contextlib import closing
 
 import pytest
 
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, JsonClient, connected
-from tests.simulator.test_sim_program import running
 from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig
 from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.config import MAX_CLOCK_OFFSET, SEEDED_START
@@ -19,7 +16,7 @@ HOUR = 3600.0
 CODE, PROC = "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
 
 
-@pytest.mark.parametrize("offset", [-9 * HOUR, 0.0, 41 * HOUR, MAX_CLOCK_OFFSET, -MAX_CLOCK_OFFSET])
+@pytest.mark.parametrize("offset", [-9 * HOUR, MAX_CLOCK_OFFSET])
 def test_every_time_of_a_message_has_the_offset(offset: float) -> None:
     with connected(speed=20, clock_offset=offset, profile="tr200") as client:
         client.subscribe(CODE, PROC)
@@ -38,13 +35,6 @@ def test_every_time_of_a_message_has_the_offset(offset: float) -> None:
             frame["timestamp"] / 1000,
         ]
         assert all(begin <= each <= end for each in times), (begin, times, end)
-
-
-def test_offset_on_the_command_line_is_to_the_real_clock() -> None:
-    with running("--clock-offset", "-32400") as (_, port, _), closing(JsonClient(port)) as client:
-        before = time.time()
-        robot = client.request("woosh.robot.Mode")["timestamp"] / 1000
-        assert before - 9 * HOUR - 60 < robot < time.time() - 9 * HOUR + 60
 
 
 def test_clock_of_a_running_robot_jumps(client: JsonClient) -> None:
@@ -74,10 +64,10 @@ def test_jumps_never_exceed_the_maximum_offset(client: JsonClient) -> None:
     assert client.simulator.call(lambda s: s.chassis.clock_offset) == 0.0
 
 
-@pytest.mark.parametrize("offset", [1e10, -1e10, float("nan"), float("inf")])
-def test_offset_is_limited(offset: float) -> None:
-    with pytest.raises(ValueError, match="more than 10 years"):
-        SimulatorConfig(clock_offset=offset)
+def test_offset_is_limited() -> None:
+    for offset in (1e10, -1e10, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="more than 10 years"):
+            SimulatorConfig(clock_offset=offset)
 
 
 def lag_after_stall(stall: float, at_most: float) -> float:

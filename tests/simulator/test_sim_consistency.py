@@ -1,4 +1,4 @@
-"""A changed setting shows alike in its getter, its push and RobotInfo."""
+"""A changed setting or device shows alike in its getter, its push and RobotInfo."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from typing import Any
 import pytest
 
 from tests.simulator.sim_wire import Connect, Json, JsonClient
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import LED
+
+LIGHT, REMOTE = "woosh.robot.LED", "woosh.device.RfRemoteController"
 
 # Setter, its body, the state message it changes, its field in RobotInfo, expected fields.
 SETTERS: list[tuple[str, Json, str, str, Json]] = [
@@ -50,71 +53,50 @@ def test_setter_changes_getter_push_and_robot_info(
     assert client.take_pushes(name) == []
 
 
-@pytest.mark.parametrize("allow", ["AutoCharge", "AutoPark", "GoodsCheck"])
-def test_permission_setters_are_answered_and_pushed(client: JsonClient, allow: str) -> None:
-    key = allow[0].lower() + allow[1:]
+def test_wifi_orders_show_in_network(client: JsonClient) -> None:
+    client.subscribe("woosh.robot.Network")
+    answer = client.ask("woosh.robot.RobotWiFi", {"order": 1})
+    network = client.next_push("woosh.robot.Network")
+    assert network["wifi"]["listJson"] == answer["content"]
+    client.ask("woosh.robot.RobotWiFi", {"order": 4, "content": "d29vc2gtZmFjdG9yeQ=="})
+    assert client.next_push("woosh.robot.Network")["wifi"]["name"] == ""
+
+
+def test_permission_setters_are_answered_and_pushed(client: JsonClient) -> None:
     client.subscribe("woosh.robot.Setting")
-    assert client.ask(f"woosh.robot.setting.{allow}", {"allow": False}) == {"allow": False}
-    assert client.next_push("woosh.robot.Setting")["allow"][key] is False
-    assert client.ask(f"woosh.robot.setting.{allow}", {"allow": True}) == {"allow": True}
-    assert client.next_push("woosh.robot.Setting")["allow"][key] is True
+    for name in ("AutoCharge", "AutoPark", "GoodsCheck"):
+        key = name[0].lower() + name[1:]
+        for allow in (False, True):
+            body = {"allow": allow}
+            assert client.ask(f"woosh.robot.setting.{name}", body) == body
+            assert client.next_push("woosh.robot.Setting")["allow"][key] is allow
 
 
-def test_setter_answers_with_the_new_value(client: JsonClient) -> None:
-    assert client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})["work"] == 3
-    assert client.ask("woosh.robot.SwitchFootPrint", {"type": 2}) == {"type": 2}
-    assert client.ask("woosh.robot.setting.Identity", {"name": "x"}) == {"name": "x"}
-
-
-@pytest.mark.parametrize("setter", ["InitRobot", "SetRobotPose"])
-def test_pose_setter_moves_robot_and_scan(client: JsonClient, setter: str) -> None:
-    client.subscribe("woosh.robot.PoseSpeed")
-    client.ask(f"woosh.robot.{setter}", {"pose": {"x": 1.23, "y": 2.34, "theta": 1.57}})
-    pose = client.next_push("woosh.robot.PoseSpeed")["pose"]
-    assert [pose["x"], pose["y"], pose["theta"]] == pytest.approx([1.23, 2.34, 1.57])
-    scan = client.ask("woosh.robot.ScannerData")
-    assert scan["pose"] == pose
-    assert client.simulator.state.pose.x == pytest.approx(1.23)
-
-
-def test_init_robot_in_place_ignores_the_empty_pose(client: JsonClient) -> None:
+def test_pose_setters_move_the_robot_and_its_scan(client: JsonClient) -> None:
+    for number, setter in enumerate(("InitRobot", "SetRobotPose")):
+        pose = {"x": 1.0 + number, "y": 2.34, "theta": 1.57}
+        client.ask(f"woosh.robot.{setter}", {"pose": pose})
+        assert client.ask("woosh.robot.PoseSpeed")["pose"] == pytest.approx(pose)
+        assert client.ask("woosh.robot.ScannerData")["pose"] == pytest.approx(pose)
+    # An empty pose stands for the place where the robot is.
     before = client.ask("woosh.robot.PoseSpeed")
     client.ask("woosh.robot.InitRobot", {"isRecord": True, "pose": {"x": 0, "y": 0, "theta": 0}})
     assert client.ask("woosh.robot.PoseSpeed") == before
 
 
-def test_subscription_pushes_only_later_changes_until_it_ends(client: JsonClient) -> None:
+def test_subscription_pushes_only_later_changes_until_it_ends(
+    client: JsonClient, connect: Connect
+) -> None:
+    other = connect()
     client.subscribe("woosh.robot.Mode", "woosh.robot.Mode", "woosh.robot.Nonsense")
     assert client.take_pushes("woosh.robot.Mode") == []
     client.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
     assert len(client.take_pushes("woosh.robot.Mode")) == 1
     client.subscribe("woosh.robot.Mode", sub=False)
+    other.subscribe("woosh.robot.Mode")  # each client has its own subscriptions
     client.ask("woosh.robot.SwitchWorkMode", {"mode": 2})
     assert client.take_pushes("woosh.robot.Mode") == []
-
-
-def test_each_client_has_its_own_subscriptions(client: JsonClient, connect: Connect) -> None:
-    other = connect()
-    client.subscribe("woosh.robot.Mode")
-    other.ask("woosh.robot.SwitchWorkMode", {"mode": 3})
-    assert client.next_push("woosh.robot.Mode")["work"] == 3
-    # A later subscriber gets only the changes after its subscription.
-    other.subscribe("woosh.robot.Mode")
-    client.ask("woosh.robot.SwitchWorkMode", {"mode": 2})
     assert [body["work"] for body in other.take_pushes("woosh.robot.Mode")] == [2]
-
-
-def test_uploaded_scene_is_kept(client: JsonClient) -> None:
-    files = [{"name": "map.png", "data": "AQID"}]
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "new", "mapName": "m", "fileDatas": files})
-    scene = client.ask("woosh.robot.Scene")
-    assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("new", "m", "1")
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "new", "fileDatas": files})
-    assert client.ask("woosh.robot.Scene")["version"] == "1"  # its map has not changed
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "new"})
-    kept = {each["name"]: each["data"] for each in client.ask("woosh.map.Download")["fileDatas"]}
-    assert kept["map.png"] == "AQID"
 
 
 def test_scene_data_groups_marks_by_kind(client: JsonClient) -> None:
@@ -131,34 +113,56 @@ def test_scene_data_groups_marks_by_kind(client: JsonClient) -> None:
     assert charger["pose"]["dock"]["x"] == pytest.approx(-10.8)
 
 
-def test_task_sets_of_the_scene_are_listed(client: JsonClient) -> None:
-    sets = [each["taskSet"] for each in client.ask("woosh.task.RepeatTasks")["repeatTasks"]]
-    calls = [each["taskSet"] for each in client.ask("woosh.task.CallTasks")["callTasks"]]
-    assert {666, 1735291765} <= {each["base"]["id"] for each in sets}
-    assert calls
+def test_emergency_stop_and_lost_localisation_show_in_all_states(client: JsonClient) -> None:
+    abnormal, stopped, lost = "woosh.robot.count.AbnormalCodes", "110201000013", "130103000012"
 
+    def next_codes() -> list[str]:
+        return [each["code"] for each in client.next_push(abnormal)["scs"]]
 
-def test_wifi_orders_show_in_network(client: JsonClient) -> None:
-    client.subscribe("woosh.ros.Feedbacks", "woosh.robot.Network")
-    answer = client.ask("woosh.robot.RobotWiFi", {"order": 1})
-    network = client.next_push("woosh.robot.Network")
-    assert network["wifi"]["listJson"] == answer["content"]
-    client.ask("woosh.robot.RobotWiFi", {"order": 4, "content": "d29vc2gtZmFjdG9yeQ=="})
-    assert client.next_push("woosh.robot.Network")["wifi"]["name"] == ""
-
-
-def test_emergency_stop_shows_in_all_states(client: JsonClient) -> None:
-    topics = ["DeviceState", "RobotState", "OperationState", "HardwareState"]
-    client.subscribe("woosh.robot.count.AbnormalCodes", *(f"woosh.robot.{t}" for t in topics))
+    client.subscribe(abnormal, "woosh.robot.RobotState")
     client.simulator.set_emergency_stop(True)
     assert client.next_push("woosh.robot.RobotState")["state"] == 6
     info = client.ask("woosh.robot.RobotInfo")
-    assert info["deviceState"]["hardware"] == 1024
+    device = info["deviceState"]
+    assert (device["hardware"], device["software"]) == (1024, 1)
     assert info["operationState"]["robot"] == 0
-    assert [code["code"] for code in info["abnormalCodes"]["scs"]] == ["110201000013"]
+    assert [code["code"] for code in info["abnormalCodes"]["scs"]] == [stopped]
+    client.pushes.clear()
+    fault = client.simulator.inject("lost_localisation")
+    assert next_codes() == [stopped, lost]
+    assert client.ask("woosh.robot.DeviceState")["software"] == 0
+    fault.clear()
+    assert next_codes() == [stopped]
     assert "emergency stop" in client.refusal("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
     assert "emergency stop" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
     client.simulator.set_emergency_stop(False)
     assert client.ask("woosh.robot.count.AbnormalCodes")["scs"] == []
     assert client.ask("woosh.robot.RobotState")["state"] == 2
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
+
+
+def test_lights_are_kept_by_submodule(client: JsonClient) -> None:
+    assert client.simulator.state.lights == {}
+    red = {"submodule": 0, "urgency": 1, "abnormal": 2, "normal": 3, "color": 0xFF0000}
+    answer = client.request(LIGHT, red)
+    assert (answer["type"], answer["ok"], answer["body"]) == (LIGHT, True, red)
+    client.ask(LIGHT, {"submodule": 2, "color": 7})
+    client.ask(LIGHT, {"submodule": 2, "color": 8})
+    assert client.simulator.state.lights == {0: LED(**red), 2: LED(submodule=2, color=8)}
+
+
+def test_keys_of_the_remote_controller_are_pushed_when_they_change(client: JsonClient) -> None:
+    client.subscribe(REMOTE)
+    assert client.ask(REMOTE) == {"address": 0, "keys": 0}
+    client.simulator.hold_remote_keys(0b101, address=7)
+    assert client.next_push(REMOTE) == {"address": 7, "keys": 5}
+    assert client.ask(REMOTE) == {"address": 7, "keys": 5}
+    assert client.simulator.state.remote_keys == 5
+    client.simulator.hold_remote_keys(0b101, address=7)
+    client.simulator.hold_remote_keys(0, address=7)
+    assert client.next_push(REMOTE) == {"address": 7, "keys": 0}
+    assert client.take_pushes(REMOTE) == []
+    # The keys of a fault are released at its end.
+    client.simulator.inject("remote_keys", keys=2, address=3, for_=5)
+    assert client.next_push(REMOTE) == {"address": 3, "keys": 2}
+    assert client.next_push(REMOTE) == {"address": 3, "keys": 0}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -19,8 +18,6 @@ from tests.simulator.mapping import (
 )
 from tests.simulator.recorded_chassis import SteppedChassis, ask
 from tests.simulator.sim_wire import Json
-from woosh_robot_agent.simulator.timeline import copy_of
-from woosh_robot_agent.simulator.world.maps import Mark
 
 BEACONS, CODES, REFLECTORS, MARKS = 1, 2, 3, 4
 COLLECT, REMOVE, CALIBRATE = 1, 2, 3
@@ -46,55 +43,24 @@ def mark_info(chassis: SteppedChassis) -> Json:
     return found
 
 
-@pytest.mark.parametrize("kind", LISTS)
-def test_point_is_collected_at_the_pose_of_the_robot(chassis: SteppedChassis, kind: int) -> None:
-    before = len(mark_info(chassis)[LISTS[kind]])
-    body = deploy(chassis, type=kind, mode=COLLECT)
-    assert (body["type"], body["mode"], body["checkTimes"]) == (kind, COLLECT, 1)
-    (marker,) = body["markers"]
-    pose = chassis.chassis.base.pose
-    assert list(marker["pose"].values()) == pytest.approx([pose.x, pose.y, pose.theta])
-    entries = mark_info(chassis)[LISTS[kind]]
-    assert len(entries) == before + 1
-    identity = entries[-1]["identity"] if kind == MARKS else entries[-1]
-    assert str(identity["id"]) == marker["id"]
-
-
-@pytest.mark.parametrize("kind", LISTS)
-def test_point_is_collected_at_the_given_pose(chassis: SteppedChassis, kind: int) -> None:
-    (marker,) = deploy(chassis, type=kind, mode=COLLECT, pose=PLACE)["markers"]
-    assert marker["pose"] == pytest.approx(PLACE)
-
-
-def test_id_of_a_mark_is_its_number(chassis: SteppedChassis) -> None:
-    numbers = []
-    for _ in range(2):
-        (marker,) = deploy(chassis, type=MARKS, mode=COLLECT)["markers"]
-        numbers.append(marker["id"])
-    assert len(set(numbers)) == 2
-    groups = ask(chassis, "woosh.map.SceneDataEasy").body["maps"][0]["storages"]["bases"]
-    assert [each["identity"]["no"] for each in groups[-2:]] == numbers
-
-
-@pytest.mark.parametrize("kind", LISTS)
-def test_point_gets_a_free_id_if_another_one_has_the_greatest(
-    chassis: SteppedChassis, kind: int
+def test_point_is_collected_at_the_pose_of_the_robot_or_at_a_given_one(
+    chassis: SteppedChassis,
 ) -> None:
-    model, greatest = chassis.chassis, 2**32 - 1
-    others = copy_of(model.map.other_marks)
-    for name in ("beacons", "artags", "reflectors"):
-        getattr(others, name).add(id=greatest)
-    marks = {**model.map.marks, "far": Mark(greatest, "far", model.base.pose)}
-    taken = {mark.id for mark in marks.values()}
-    model.change_map(replace(model.map, marks=marks, other_marks=others))
-    (marker,) = deploy(chassis, type=kind, mode=COLLECT)["markers"]
-    assert int(marker["id"]) not in (taken if kind == MARKS else {0, greatest})
-
-
-def test_collecting_is_a_new_version_of_the_map(chassis: SteppedChassis) -> None:
-    before = int(ask(chassis, "woosh.robot.Scene").body["version"])
-    deploy(chassis, type=MARKS, mode=COLLECT)
-    assert int(ask(chassis, "woosh.robot.Scene").body["version"]) == before + 1
+    pose = chassis.chassis.base.pose
+    here = {"x": pose.x, "y": pose.y, "theta": pose.theta}
+    for kind, name in LISTS.items():
+        for given, expected in (({}, here), ({"pose": PLACE}, PLACE)):
+            before = mark_info(chassis)
+            body = deploy(chassis, type=kind, mode=COLLECT, **given)
+            assert (body["type"], body["mode"], body["checkTimes"]) == (kind, COLLECT, 1)
+            (marker,) = body["markers"]
+            assert marker["pose"] == pytest.approx(expected)
+            info = mark_info(chassis)
+            assert len(info[name]) == len(before[name]) + 1
+            identity = info[name][-1]["identity"] if kind == MARKS else info[name][-1]
+            assert str(identity["id"]) == marker["id"]
+            assert kind != MARKS or identity["no"] == marker["id"]
+            assert int(info["version"]) == int(before["version"]) + 1
 
 
 def test_cancelling_removes_what_was_collected(chassis: SteppedChassis) -> None:
@@ -156,13 +122,3 @@ def test_cancelled_update_forgets_its_points_only(chassis: SteppedChassis) -> No
     assert len(mark_info(chassis)["storages"]) == count + 1
     ask(chassis, BUILD_MAP, type=CANCEL)
     assert len(mark_info(chassis)["storages"]) == count
-
-
-def test_mark_that_was_changed_meanwhile_stays(chassis: SteppedChassis) -> None:
-    (marker,) = deploy(chassis, type=MARKS, mode=COLLECT)["markers"]
-    model = chassis.chassis
-    marks = dict(model.map.marks)
-    marks["A99"] = replace(marks.pop(marker["id"]), number="A99")
-    model.change_map(replace(model.map, marks=marks))
-    deploy(chassis, type=MARKS, mode=REMOVE)
-    assert "A99" in model.map.marks

@@ -38,22 +38,11 @@ def test_emergency_stop_ends_after_its_duration(client: JsonClient) -> None:
     wait_until(lambda: not fault.active)
     assert client.simulator.state.elapsed >= begun + 5
     assert abnormal_codes(client) == []
-
-
-def test_clearing_the_fault_keeps_a_button_pressed_before(client: JsonClient) -> None:
+    # A button that was pressed before stays pressed.
     client.simulator.set_emergency_stop(True)
     client.simulator.inject("emergency_stop")
     client.simulator.clear_faults()
     assert abnormal_codes(client) == [EMERGENCY_STOP]
-
-
-def test_client_can_restore_lost_localisation(client: JsonClient) -> None:
-    pose = client.ask(POSE_SPEED)["pose"]
-    client.simulator.inject("lost_localisation")
-    client.ask("woosh.robot.SetRobotPose", {"pose": pose})
-    wait_until(lambda: abnormal_codes(client) == [])
-    client.simulator.clear_faults()
-    assert abnormal_codes(client) == []
 
 
 def test_obstacle_ahead_is_seen_until_cleared(client: JsonClient) -> None:
@@ -69,33 +58,6 @@ def test_obstacle_ahead_is_seen_until_cleared(client: JsonClient) -> None:
     assert client.simulator.call(lambda simulated: simulated.chassis.obstacles.names) == ()
 
 
-def test_obstacle_stands_at_its_coordinates(client: JsonClient) -> None:
-    pose = client.ask(POSE_SPEED)["pose"]
-    client.simulator.inject("obstacle", x=pose["x"] + 3, y=pose["y"])
-    walls = client.simulator.call(lambda simulated: simulated.chassis.obstacles.walls)
-    assert min(wall.x1 for wall in walls) == pytest.approx(pose["x"] + 2.7, abs=0.02)
-    client.simulator.call(lambda simulated: simulated.chassis.obstacles.clear())
-    client.simulator.clear_faults()  # no error, although the obstacle is already removed
-
-
-def test_burst_pushes_its_count(client: JsonClient) -> None:
-    client.subscribe(POSE_SPEED)
-    fault = client.simulator.inject("burst")
-    for _ in range(1000):
-        client.next_push(POSE_SPEED)
-    wait_until(lambda: not fault.active)
-    assert client.take_pushes(POSE_SPEED) == []
-    assert fault.hits == 1000
-
-
-@pytest.mark.parametrize("type_name", ["woosh.robot.TaskProc", "woosh.robot.count.StatusCode"])
-def test_burst_can_push_events(client: JsonClient, type_name: str) -> None:
-    client.subscribe(type_name)
-    client.simulator.inject("burst", type=type_name, count=7)
-    for _ in range(7):
-        client.next_push(type_name)
-
-
 @pytest.mark.chassis(speed=1, max_outbox=100)
 def test_burst_does_not_drop_clients_that_read(
     simulator: SimulatorThread, connect_tcp: ConnectTcp
@@ -105,28 +67,28 @@ def test_burst_does_not_drop_clients_that_read(
     for each in (quick, slow):
         each.send(subscription("woosh.robot.Scene"))
         assert each.request("woosh.robot.Mode").ok
-    simulator.inject("burst", count=3000, type="woosh.robot.Scene")
-    for _ in range(3000):
+    simulator.inject("burst", count=1000, type="woosh.robot.Scene")
+    for _ in range(1000):
         assert quick.receive().type == "woosh.robot.Scene"
     assert quick.request("woosh.robot.Mode").ok
 
 
-def test_burst_keeps_its_rate(client: JsonClient) -> None:
+def test_burst_pushes_its_count_at_its_rate_until_it_is_cleared(client: JsonClient) -> None:
     client.subscribe(POSE_SPEED)
     begun = time.monotonic()
-    client.simulator.inject("burst", count=11, rate=50)
+    fault = client.simulator.inject("burst", count=11, rate=50)
     for _ in range(11):
         client.next_push(POSE_SPEED)
     assert time.monotonic() - begun >= 0.19
-
-
-def test_clear_ends_a_burst(client: JsonClient) -> None:
-    client.subscribe(POSE_SPEED)
-    fault = client.simulator.inject("burst", rate=0.1)
-    client.next_push(POSE_SPEED)
-    fault.clear()
-    assert not fault.active
-    assert fault.hits == 1
+    wait_until(lambda: not fault.active)
+    assert client.take_pushes(POSE_SPEED) == []
+    assert fault.hits == 11
+    for kind in ("woosh.robot.TaskProc", STATUS_CODE):
+        client.subscribe(kind)
+        fault = client.simulator.inject("burst", type=kind, rate=0.1)
+        client.next_push(kind)
+        fault.clear()
+        assert (fault.active, fault.hits) == (False, 1)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +96,6 @@ def test_clear_ends_a_burst(client: JsonClient) -> None:
     [
         TASK,
         (CALL, STEP),
-        (CALL, {"moveBase": {"action": 1, "targetPose": {"x": 1.0}}}),
         (CALL, LIFT),
         ("woosh.robot.Twist", {"linear": 0.5, "angular": 0.5}),
         ("woosh.robot.Follow", {"type": True}),
@@ -156,15 +117,8 @@ def test_key_switch_may_accept_requests_and_not_move(
         (feedback,) = client.ask("woosh.ros.Feedbacks")["fbs"]
         assert feedback["state"] == 2  # it executes, and nothing moves
     fault.clear()
-
-
-def test_accepted_motion_begins_when_the_key_is_turned_back(client: JsonClient) -> None:
-    fault = client.simulator.inject("key_switch", requests="accepted")
-    client.subscribe("woosh.ros.Feedbacks")
-    client.ask(CALL, STEP)
-    pass_time(client.simulator, 2.0)
-    fault.clear()
-    client.next_push("woosh.ros.Feedbacks", lambda body: body["fbs"][0]["state"] == 1)
+    if body == STEP:  # it begins when the key is turned back
+        wait_until(lambda: client.simulator.state.pose != before.pose)
 
 
 def test_key_switch_that_accepts_stops_a_moving_robot(client: JsonClient) -> None:
@@ -181,25 +135,16 @@ def test_key_switch_that_accepts_stops_a_moving_robot(client: JsonClient) -> Non
 
 def test_code_burst_repeats_codes_in_order(client: JsonClient) -> None:
     client.subscribe(STATUS_CODE)
-    fault = client.simulator.inject("code_burst", count=400, rate=0)
+    fault = client.simulator.inject("code_burst", count=150, rate=0)
     wait_until(lambda: not fault.active)
     pushed = client.take_pushes(STATUS_CODE)
-    assert len(pushed) == 400
+    assert len(pushed) == 150
     codes = [body["code"] for body in pushed]
     assert 2 <= len(set(codes)) <= 10
-    assert sum(a == b for a, b in pairwise(codes)) > 200
+    assert sum(a == b for a, b in pairwise(codes)) > 75
     times = [int(body["time"]) for body in pushed]
     assert times == sorted(times)
     # The robot keeps the last 50.
     assert client.ask("woosh.robot.count.StatusCodes")["scs"] == pushed[-50:]
     assert client.ask("woosh.robot.RobotInfo")["statusCodes"]["scs"] == pushed[-50:]
     assert client.ask(STATUS_CODE) == pushed[-1]
-
-
-def test_code_burst_sends_300_in_a_second(client: JsonClient) -> None:
-    client.subscribe(STATUS_CODE)
-    begun = time.monotonic()
-    client.simulator.inject("code_burst")
-    for _ in range(300):
-        client.next_push(STATUS_CODE)
-    assert time.monotonic() - begun >= 0.99

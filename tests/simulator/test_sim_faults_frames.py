@@ -16,7 +16,6 @@ from tests.simulator.sim_wire import JsonClient, TcpClient, body_of, packed, sub
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing import running_chassis
 
 MODE = "woosh.robot.Mode"
 BATTERY = "woosh.robot.Battery"
@@ -53,20 +52,13 @@ class Peer:
         self._client.close()
 
 
-class BinaryPeer(Peer):
-    """Protobuf over a WebSocket."""
+class JsonPeer(Peer):
+    """JSON over a WebSocket."""
 
     def __init__(self, simulator: SimulatorThread) -> None:
         self.simulator = simulator
         self._client = JsonClient(simulator.port)
 
-    def receive_raw(self) -> bytes:
-        data = self._client.complete(self._client.socket.recv())
-        assert isinstance(data, bytes)
-        return data
-
-
-class JsonPeer(BinaryPeer):
     def ask(self, sn: int, type_name: str = MODE) -> None:
         self._client.send({"type": type_name, "sn": sn})
 
@@ -83,7 +75,7 @@ class JsonPeer(BinaryPeer):
         return frame["type"], frame.get("sn", 0), frame["body"]
 
 
-@pytest.fixture(params=[JsonPeer, BinaryPeer, Peer])
+@pytest.fixture(params=[JsonPeer, Peer])
 def peer(simulator: SimulatorThread, request: pytest.FixtureRequest) -> Iterator[Peer]:
     with closing(request.param(simulator)) as peer:
         yield peer
@@ -94,19 +86,24 @@ def exchange(peer: Peer, sn: int, type_name: str = MODE) -> tuple[str, int, Any]
     return peer.parse(peer.receive_raw())
 
 
-@pytest.mark.parametrize("name", ["garbage", "truncated", "invalid_utf8"])
-def test_damaged_frames_are_unreadable(peer: Peer, name: str) -> None:
-    if name == "invalid_utf8" and LEGACY and isinstance(peer, JsonPeer):
-        return  # this client closes the connection, see the next test
-    fault = peer.simulator.inject(name, type=BATTERY, count=2)
-    for sn in (1, 2):
-        peer.ask(sn, BATTERY)
-        with pytest.raises(ValueError):
-            peer.parse(peer.receive_raw())
-    assert not fault.active
-    assert exchange(peer, 3, BATTERY)[:2] == (BATTERY, 3)
+def test_damaged_answers_and_pushes_are_unreadable(peer: Peer) -> None:
+    peer.subscribe(BATTERY)
+    assert exchange(peer, 3)[:2] == (MODE, 3)
+    for name in ("garbage", "truncated", "invalid_utf8"):
+        if name == "invalid_utf8" and LEGACY and isinstance(peer, JsonPeer):
+            continue  # this client closes the connection, see the next test
+        fault = peer.simulator.inject(name, frames="all", type=BATTERY, count=2)
+        peer.ask(4, BATTERY)
+        peer.simulator.push(robot_pb2.Battery(power=7))
+        for _ in range(2):
+            with pytest.raises(ValueError):
+                peer.parse(peer.receive_raw())
+        assert not fault.active
+        assert exchange(peer, 5, BATTERY)[:2] == (BATTERY, 5)
     assert peer.simulator.connections == 1
-    assert peer.simulator.counts[BATTERY] == 3
+    peer.simulator.inject("garbage", length=10, count=1)
+    peer.ask(6)
+    assert len(peer.receive_raw()) == 10
 
 
 def test_invalid_utf8_closes_a_websocket(client: JsonClient) -> None:
@@ -117,34 +114,6 @@ def test_invalid_utf8_closes_a_websocket(client: JsonClient) -> None:
         client.receive()
     assert error.value.sent is not None
     assert error.value.sent.code == 1007
-
-
-@pytest.mark.parametrize("name", ["garbage", "truncated", "unknown_fields", "wrong_field_type"])
-def test_faults_damage_pushes(peer: Peer, name: str) -> None:
-    peer.simulator.inject(name, frames="pushes", type=BATTERY)
-    peer.subscribe(BATTERY)
-    assert exchange(peer, 3)[:2] == (MODE, 3)
-    push = robot_pb2.Battery(power=7)
-    peer.simulator.push(push)
-    data = peer.receive_raw()
-    if name in ("garbage", "truncated"):
-        with pytest.raises(ValueError):
-            peer.parse(data)
-    else:
-        assert peer.parse(data)[:2] == (BATTERY, 0)
-        assert peer.parse(data)[2] != push
-    assert exchange(peer, 4)[:2] == (MODE, 4)
-
-
-def test_faults_damage_answers_and_pushes(peer: Peer) -> None:
-    peer.subscribe(BATTERY)
-    assert exchange(peer, 3)[:2] == (MODE, 3)
-    peer.simulator.inject("garbage", frames="all", length=10, count=2)
-    peer.simulator.push(robot_pb2.Battery(power=7))
-    assert len(peer.receive_raw()) == 10
-    peer.ask(4)
-    assert len(peer.receive_raw()) == 10
-    assert exchange(peer, 5)[:2] == (MODE, 5)
 
 
 def test_frame_truncated_on_the_wire_ends_the_connection(peer: Peer) -> None:
@@ -158,27 +127,19 @@ def test_frame_truncated_on_the_wire_ends_the_connection(peer: Peer) -> None:
 
 def test_oversize_frame_is_valid(peer: Peer) -> None:
     usual = exchange(peer, 1)[2]
-    peer.simulator.inject("oversize", mib=3, count=1)
-    peer.ask(1)
+    peer.simulator.inject("oversize", mib=2, count=1)
+    peer.ask(2)
     data = peer.receive_raw()
-    assert 3 * MIB <= len(data) < 3 * MIB + 100
+    assert 2 * MIB <= len(data) < 2 * MIB + 100
     assert isinstance(usual, dict) is isinstance(peer, JsonPeer)
     type_name, sn, body = peer.parse(data)
-    assert (type_name, sn) == (MODE, 1)
+    assert (type_name, sn) == (MODE, 2)
     assert len(str(body)) == len(str(usual))
-    assert exchange(peer, 2)[:2] == (MODE, 2)
-
-
-def test_oversize_exceeds_64_mib_by_default(simulator: SimulatorThread) -> None:
-    simulator.inject("oversize")
-    with closing(Peer(simulator)) as peer:
-        peer.ask(1)
-        assert len(peer.receive_raw()) > 64 * MIB
 
 
 def test_unknown_fields_keep_the_other_fields(peer: Peer) -> None:
     usual = exchange(peer, 1, BATTERY)[2]
-    peer.simulator.inject("unknown_fields")
+    peer.simulator.inject("unknown_fields", frames="all")
     type_name, sn, body = exchange(peer, 2, BATTERY)
     assert (type_name, sn) == (BATTERY, 2)
     assert body != usual
@@ -188,6 +149,12 @@ def test_unknown_fields_keep_the_other_fields(peer: Peer) -> None:
     else:
         body.DiscardUnknownFields()
         assert body == usual
+    peer.subscribe(BATTERY)
+    exchange(peer, 3)
+    push = robot_pb2.Battery(power=7)
+    peer.simulator.push(push)
+    type_name, sn, body = peer.parse(peer.receive_raw())
+    assert (type_name, sn, body == push) == (BATTERY, 0, False)
 
 
 def test_wrong_field_type_changes_one_field(peer: Peer) -> None:
@@ -207,35 +174,7 @@ def test_wrong_field_type_changes_one_field(peer: Peer) -> None:
         assert body == usual
 
 
-def test_wrong_field_type_takes_the_body_of_a_wrong_type(tcp: TcpClient) -> None:
-    tcp.simulator.inject("wrong_type")
-    tcp.simulator.inject("wrong_field_type")
-    answer = tcp.request("woosh.robot.RobotInfo")
-    assert answer.type == "woosh.robot.Network"
-    assert b"\1" * 8 in answer.body.value
-
-
 def test_wrong_field_type_replaces_an_empty_body(client: JsonClient) -> None:
     client.simulator.inject("wrong_field_type", type="woosh.robot.SetOccupancy")
     client.send({"type": "woosh.robot.SetOccupancy", "sn": 1})
     assert client.receive()["body"] == "neither"
-
-
-def test_equal_seeds_damage_frames_equally() -> None:
-    seen = []
-    for _ in range(2):
-        with running_chassis(speed=1, seed=8) as simulator:
-            simulator.inject("garbage", count=3)
-            simulator.inject("wrong_field_type", type=BATTERY)
-            peer = JsonPeer(simulator)
-            frames = []
-            for sn in range(3):
-                peer.ask(sn)
-                frames.append(peer.receive_raw())
-            kinds = []
-            for sn in range(5):
-                body = exchange(peer, sn, BATTERY)[2]
-                kinds.append([type(value) for value in body.values()])
-            seen.append((frames, kinds))
-            peer.close()
-    assert seen[0] == seen[1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from contextlib import closing
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Connect, JsonClient
-from tests.simulator.test_sim_program import PROGRAM, running
+from tests.simulator.test_sim_program import running
 from woosh_robot_agent.simulator import FaultError, Scenario, SimulatorThread, load_scenario
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.faults import markdown, parse_fault
@@ -34,92 +33,65 @@ def scenario(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("- {at: 1, do: drop", "not readable as YAML"),
-        ("\0", "not readable as YAML"),
-        ("[" * 5000, "nested more than 20 levels"),
-        ("drop", "not a list of {at: SECONDS, do: NAME}"),
-        ("", "not a list"),
-        ("- drop", "entry 1: 'drop' is not of the form {at: SECONDS, do: NAME}"),
-        ("- {at: 1, 5: drop}", "entry 1: "),
-        ("- {at: 1, do: drop}\n- {do: drop}", "entry 2: drop: `at` is missing"),
-        ("- {at: 1}", "entry 1: `do` must name a fault"),
-        (
-            "- {at: -1, do: drop}",
-            "entry 1: drop: at: -1 is not a number of at least 0, in s of",
-        ),
-        ("- {at: soon, do: drop}", "entry 1: drop: at: 'soon' is not a number"),
-        ("- {at: 1, do: dorp}", "entry 1: unknown fault 'dorp': use one of emergency_stop, "),
-        ("- {at: 1, do: off, for: }", "entry 1: off: for: None is not a number"),
-        ("- {at: 1, do: on}", "entry 1: `do` must name a fault"),
-    ],
-)
-def test_invalid_scenario_files_are_refused_with_a_hint(
-    tmp_path: Path, text: str, complaint: str
-) -> None:
+INVALID_SCENARIOS = {
+    "- {at: 1, do: drop": "not readable as YAML",
+    "\0": "not readable as YAML",
+    "[" * 5000: "nested more than 20 levels",
+    "drop": "not a list of {at: SECONDS, do: NAME}",
+    "": "not a list",
+    "- drop": "entry 1: 'drop' is not of the form {at: SECONDS, do: NAME}",
+    "- {at: 1, 5: drop}": "entry 1: ",
+    "- {at: 1, do: drop}\n- {do: drop}": "entry 2: drop: `at` is missing",
+    "- {at: 1}": "entry 1: `do` must name a fault",
+    "- {at: -1, do: drop}": "entry 1: drop: at: -1 is not a number of at least 0, in s of",
+    "- {at: 1, do: dorp}": "entry 1: unknown fault 'dorp': use one of emergency_stop, ",
+    "- {at: 1, do: off, for: }": "entry 1: off: for: None is not a number",
+}
+INVALID_OPTIONS = {
+    "": "unknown fault '': use one of ",
+    "'": "No closing quotation",
+    "delay 3": "delay: '3' is not of the form key=value",
+    "delay seconds=1 seconds=2": "delay: seconds is given twice",
+    "delay seconds=x": "delay: seconds: 'x' is not a number from 0 to 86400, in s of",
+    "delay count=1.5": "delay: count: '1.5' is not an integer of at least 0",
+}
+
+
+def test_invalid_scenario_files_are_refused_with_a_hint(tmp_path: Path) -> None:
     path = tmp_path / "wrong.yaml"
-    path.write_text(text)
-    with pytest.raises(FaultError) as error:
-        load_scenario(path)
-    assert str(error.value).startswith(f"{path}: ")
-    assert complaint in str(error.value)
+    for text, complaint in INVALID_SCENARIOS.items():
+        path.write_text(text)
+        with pytest.raises(FaultError) as error:
+            load_scenario(path)
+        assert str(error.value).startswith(f"{path}: ")
+        assert complaint in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("", "unknown fault '': use one of "),
-        ("'", "No closing quotation"),
-        ("delay 3", "delay: '3' is not of the form key=value"),
-        ("delay seconds=1 seconds=2", "delay: seconds is given twice"),
-        (
-            "delay seconds=x",
-            "delay: seconds: 'x' is not a number from 0 to 86400, in s of",
-        ),
-        ("delay count=1.5", "delay: count: '1.5' is not an integer of at least 0"),
-        ("delay what=1", "delay has no argument 'what'; its arguments are: seconds, "),
-    ],
-)
-def test_invalid_fault_options_are_refused_with_a_hint(
-    text: str, complaint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as exit_:
-        main(["--fault", text])
-    assert exit_.value.code == 2
-    assert complaint in capsys.readouterr().err
-
-
-def test_missing_scenario_file_is_reported(
+def test_invalid_options_are_refused_with_a_hint(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    for text, complaint in INVALID_OPTIONS.items():
+        with pytest.raises(SystemExit) as exit_:
+            main(["--fault", text])
+        assert exit_.value.code == 2
+        assert complaint in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["--scenario", str(tmp_path / "none.yaml")])
     assert "No such file" in capsys.readouterr().err
 
 
 def test_faults_begin_at_their_simulated_times(scenario: Path) -> None:
-    """Equal seeds give equal codes and times."""
     config = quick_config(port=0, tcp_port=0, speed=100, seed=2, scenario=load_scenario(scenario))
-    runs = []
-    for _ in range(2):
-        with SimulatorThread(config) as simulator:
-            wait_until(lambda simulator=simulator: simulator.injected["drop"])
-            assert dict(simulator.injected) == {
-                "emergency_stop": 1,
-                "lost_localisation": 1,
-                "refuse": 1,
-                "drop": 1,
-            }
-            assert [fault.name for fault in simulator.faults] == ["refuse"]
-            with closing(JsonClient(simulator.port)) as client:
-                assert client.refusal("woosh.robot.Speak") == "not now: busy"
-                codes = client.ask("woosh.robot.count.StatusCodes")["scs"]
-            runs.append([(code["code"], int(code["time"])) for code in codes])
-    assert runs[0] == runs[1]
+    with SimulatorThread(config) as simulator:
+        wait_until(lambda: simulator.injected["drop"])
+        names = ("emergency_stop", "lost_localisation", "refuse", "drop")
+        assert dict(simulator.injected) == dict.fromkeys(names, 1)
+        assert [fault.name for fault in simulator.faults] == ["refuse"]
+        with closing(JsonClient(simulator.port)) as client:
+            assert client.refusal("woosh.robot.Speak") == "not now: busy"
+            codes = client.ask("woosh.robot.count.StatusCodes")["scs"]
     begin = 1735689600000
-    assert [(code, time - begin) for code, time in runs[0]] == [
+    assert [(code["code"], int(code["time"]) - begin) for code in codes] == [
         ("110201000013", 10_000),
         ("130103000012", 30_000),
     ]
@@ -162,8 +134,6 @@ def test_program_runs_scenario_and_fault_options(scenario: Path) -> None:
     ]
 
 
-def test_list_faults_prints_the_table() -> None:
-    out = subprocess.run(
-        [*PROGRAM, "--list-faults"], capture_output=True, text=True, check=True
-    ).stdout
-    assert out == markdown() + "\n"
+def test_list_faults_prints_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list-faults"]) == 0
+    assert capsys.readouterr().out == markdown() + "\n"

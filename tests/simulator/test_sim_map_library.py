@@ -5,10 +5,8 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from google.protobuf.json_format import ParseDict
 
@@ -24,11 +22,9 @@ from tests.simulator.test_sim_uploads import (
 )
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
 from woosh_robot_agent.simulator.refusals import REFUSALS
-from woosh_robot_agent.simulator.scenes.scene import with_map
-from woosh_robot_agent.simulator.world.grid import Grid
-from woosh_robot_agent.simulator.world.maps import Map
 
 INCREMENTAL, FULL = 0, 1
+EASY = "woosh.map.SceneDataEasy"
 Files = dict[str, bytes]
 
 
@@ -76,35 +72,26 @@ def scene_data(client: JsonClient, scene: str) -> Any:
 
 
 def version(client: JsonClient, scene: str, area: str) -> int:
-    data = client.ask("woosh.map.SceneDataEasy", {"name": scene})
+    data = client.ask(EASY, {"name": scene})
     return int(next(each["version"] for each in data["maps"] if each["name"] == area))
 
 
-@pytest.mark.parametrize("scene", ["wooshmap", "scenex", "lab"])
 def test_a_downloaded_scene_is_the_same_on_another_robot(
-    client: JsonClient, second: JsonClient, scene: str
+    client: JsonClient, second: JsonClient
 ) -> None:
     upload_lab(client)
-    files = download(client, scene)
-    assert {"scene.json", "action_groups.json", "task_info.data"} <= set(files)
-    for area in scenes(client)[scene]:
-        names = {f"{area}/{name}" for name in ("map.yaml", "map.png", "mark_info.data")}
-        assert names <= set(files)
-    assert send_files(second, "copy", files)["ok"]
-    assert scene_data(second, "copy") == scene_data(client, scene)
-    assert download(second, "copy") == files
-    # Nothing changes for a robot that gets its own files.
-    assert send_files(client, scene, files)["ok"]
-    assert download(client, scene) == files
-
-
-def test_files_come_back_as_they_were_uploaded(client: JsonClient) -> None:
-    upload_lab(client)
-    client.ask("woosh.map.Upload", upload("lab", notes_txt=b"hello"))
-    client.ask("woosh.map.Upload", upload("lab", **{"yard/state_pbstream": b"cells"}))
-    files = download(client, "lab")
-    assert (files["notes.txt"], files["yard/state.pbstream"]) == (b"hello", b"cells")
-    assert not {"scene.yaml", "floor.yaml", "floor.png"} & set(files)  # the robot has its own form
+    for scene in ("wooshmap", "scenex", "lab"):
+        files = download(client, scene)
+        assert {"scene.json", "action_groups.json", "task_info.data"} <= set(files)
+        for area in scenes(client)[scene]:
+            names = {f"{area}/{name}" for name in ("map.yaml", "map.png", "mark_info.data")}
+            assert names <= set(files)
+        assert send_files(second, "copy", files)["ok"]
+        assert scene_data(second, "copy") == scene_data(client, scene)
+        assert download(second, "copy") == files
+        # Nothing changes for a robot that gets its own files.
+        assert send_files(client, scene, files)["ok"]
+        assert download(client, scene) == files
 
 
 def test_marks_of_all_kinds_come_with_their_file(client: JsonClient, second: JsonClient) -> None:
@@ -127,35 +114,17 @@ def test_marks_of_all_kinds_come_with_their_file(client: JsonClient, second: Jso
         assert found == info
 
 
-def test_a_map_of_cells_only_is_downloaded_for_map_server(
-    client: JsonClient, second: JsonClient
-) -> None:
-    """A map that the robot has made itself comes from no files."""
-    cells = np.zeros((40, 60), np.int8)
-    cells[0], cells[:, :5] = 100, -1
-
-    def add(running: Any) -> None:
-        chassis, grid = running.chassis, Grid(cells, 0.05, (-1.0, -2.0))
-        area = Map(0, "made", "1F", 1, grid.low, grid.high, walls=(), grid=grid)
-        chassis.replace_scene(chassis.scene, with_map(chassis.scene, area))
-
-    client.simulator.call(add)
-    assert scenes(client)["wooshmap"] == ["wooshmap", "made"]
-    files = download(client)
-    assert {"made/map.yaml", "made/map.png", "made/mark_info.data"} <= set(files)
-    assert send_files(second, "copy", files)["ok"]
-    assert scene_data(second, "copy") == scene_data(client, "")
-    second.ask("woosh.robot.SwitchMap", {"sceneName": "copy", "mapName": "made"})
-    assert second.ask("woosh.robot.Scene")["mapId"] == 4
-
-
 def test_an_incremental_upload_keeps_the_other_files_and_a_full_one_does_not(
     client: JsonClient,
 ) -> None:
     upload_lab(client)
-    new = {"notes_txt": b"hello", "yard/map_png": floor_png(7.0)}
+    big = bytes(range(256)) * 4096 * 3  # more than a usual WebSocket frame holds
+    new = {"notes_txt": b"hello", "yard/map_png": floor_png(7.0), "yard/state_pbstream": big}
     client.ask("woosh.map.Upload", upload("lab", **new))
     assert scenes(client)["lab"] == ["hall", "yard"]
+    files = download(client, "lab")
+    assert (files["notes.txt"], files["yard/state.pbstream"]) == (b"hello", big)
+    assert not {"scene.yaml", "floor.yaml", "floor.png"} & set(files)  # the robot has its own form
     assert (version(client, "lab", "hall"), version(client, "lab", "yard")) == (1, 8)
     client.ask("woosh.robot.SwitchMap", {"sceneName": "lab", "mapName": "yard"})
     assert distance_ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
@@ -167,16 +136,18 @@ def test_an_incremental_upload_keeps_the_other_files_and_a_full_one_does_not(
 
 def test_an_upload_to_the_current_scene_takes_effect_and_is_pushed(client: JsonClient) -> None:
     client.subscribe("woosh.robot.Scene")
-    before = client.ask("woosh.robot.Scene")
+    before, (marked,) = client.ask("woosh.robot.Scene"), client.ask(EASY)["maps"]
     picture = NAV2.replace(b"floor.png", b"wooshmap.png")
     new = upload("wooshmap", wooshmap_yaml=picture, wooshmap_png=floor_png())
     client.ask("woosh.map.Upload", new)
     pushed = client.next_push("woosh.robot.Scene")
     assert pushed == {**before, "version": str(int(before["version"]) + 1)}
+    (area,) = client.ask(EASY)["maps"]
+    assert (area["id"], area["storages"]) == (marked["id"], marked["storages"])
     assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
 
 
-def test_md5_sums_are_those_of_the_files(client: JsonClient) -> None:
+def test_files_are_compared_by_their_md5_sums_and_fetched_one_by_one(client: JsonClient) -> None:
     upload_lab(client)
     answer = client.request("woosh.map.SceneMd5", {})
     assert answer["type"] == "woosh.map.SceneMd5Response"
@@ -196,10 +167,6 @@ def test_md5_sums_are_those_of_the_files(client: JsonClient) -> None:
     one = client.ask("woosh.map.SceneMd5", {"sceneName": "lab"})
     assert one == {"scenes": [found["lab"]]}
 
-
-def test_sync_returns_the_files_that_are_asked_for(client: JsonClient) -> None:
-    upload_lab(client)
-    files = download(client, "lab")
     wanted = {
         "sceneName": "lab",
         "scenesMd5s": [{"name": "task_info.data", "md5": "0"}],
@@ -207,8 +174,8 @@ def test_sync_returns_the_files_that_are_asked_for(client: JsonClient) -> None:
     }
     answer = client.request("woosh.map.SceneSync", {"scenes": [wanted]})
     assert answer["type"] == "woosh.map.SceneSyncResponse"
-    found = {each["name"]: base64.b64decode(each["data"]) for each in answer["body"]["fileDatas"]}
-    assert found == {name: files[name] for name in ("task_info.data", "yard/map.png")}
+    synced = {each["name"]: base64.b64decode(each["data"]) for each in answer["body"]["fileDatas"]}
+    assert synced == {name: files[name] for name in ("task_info.data", "yard/map.png")}
     wanted["scenesMd5s"] = [{"name": "other.data", "md5": "0"}]
     assert "scene lab has no file other.data" in client.refusal(
         "woosh.map.SceneSync", {"scenes": [wanted]}
@@ -227,18 +194,13 @@ def test_scene_and_map_can_be_renamed(client: JsonClient) -> None:
     assert version(client, "works", "court") == 8
     client.ask("woosh.robot.SwitchMap", {"sceneName": "works", "mapName": "court"})
     assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
-
-
-def test_files_of_a_renamed_map_have_its_new_name(client: JsonClient) -> None:
-    client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png()))
-    rename = {"oldSceneName": "lab", "oldMapName": "floor", "newMapName": "ground"}
-    client.ask("woosh.map.Rename", rename)
-    files = download(client, "lab")
-    assert {"ground/map.yaml", "ground/map.png", "ground/mark_info.data"} <= set(files)
-    assert not any(name.startswith("floor/") for name in files)
+    files = download(client, "works")
+    assert {"court/map.yaml", "court/map.png", "court/mark_info.data"} <= set(files)
+    assert not any(name.startswith("yard/") for name in files)
     # A new map of the old name does not replace it.
-    client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png(6.0)))
-    assert scenes(client)["lab"] == ["ground", "floor"]
+    new = {"yard_yaml": NAV2, "floor_png": floor_png(6.0)}
+    client.ask("woosh.map.Upload", upload("works", **new))
+    assert scenes(client)["works"] == ["hall", "court", "yard"]
 
 
 def test_renaming_the_current_scene_and_map_is_pushed(client: JsonClient) -> None:
@@ -262,19 +224,15 @@ def test_scene_and_map_can_be_deleted(client: JsonClient) -> None:
 
 REFUSED: list[tuple[str, Json, str]] = [
     ("Download", {"sceneName": "moon"}, "unknown scene moon"),
-    ("SceneMd5", {"sceneName": "moon"}, "unknown scene moon"),
     ("SceneSync", {"scenes": [{"sceneName": "moon"}]}, "unknown scene moon"),
     ("Delete", {}, "scene_name is empty"),
-    ("Delete", {"sceneName": "moon"}, "unknown scene moon"),
     ("Delete", {"sceneName": "wooshmap"}, "the robot is in scene wooshmap: switch"),
     ("Delete", {"sceneName": "scenex", "mapName": "attic"}, "unknown map attic of scene scenex"),
     ("Delete", {"mapName": "wooshmap"}, "the robot is on map wooshmap: switch"),
     ("Delete", {"sceneName": "lab", "mapName": "floor"}, "the only one of scene lab"),
     ("Rename", {}, "new_scene_name is empty"),
-    ("Rename", {"oldSceneName": "moon", "newSceneName": "sun"}, "unknown scene moon"),
     ("Rename", {"newSceneName": "scenex"}, "scene scenex exists already"),
     ("Rename", {"newSceneName": "../x"}, "new_scene_name '../x' must be a name"),
-    ("Rename", {"oldMapName": "attic", "newMapName": "x"}, "unknown map attic"),
     ("Rename", {"oldMapName": "wooshmap"}, "new_map_name is empty"),
     ("Rename", {"newMapName": "x"}, "old_map_name is empty"),
     (
@@ -282,31 +240,11 @@ REFUSED: list[tuple[str, Json, str]] = [
         {"oldSceneName": "scenex", "oldMapName": "scenex", "newMapName": "scenex2"},
         "map scenex2 of scene scenex exists already",
     ),
-    (
-        "Rename",
-        {"oldSceneName": "scenex", "oldMapName": "scenex", "newMapName": "a/b"},
-        "new_map_name 'a/b' must be a name",
-    ),
-    (
-        "Rename",
-        {
-            "oldSceneName": "scenex",
-            "oldMapName": "scenex2",
-            "newMapName": "x",
-            "newSceneName": "wooshmap",
-        },
-        "scene wooshmap exists already",
-    ),
+    ("Rename", {"oldMapName": "wooshmap", "newMapName": "a/b"}, "new_map_name 'a/b' must be"),
     ("Upload", {"sceneName": "new"}, "the upload has no files"),
     ("Upload", upload("../new", a_png=floor_png()), "scene_name '../new' must be a name"),
     ("Upload", upload("new", notes_txt=b"hi"), "no file describes a map of scene new"),
-    ("Upload", upload("wooshmap", wooshmap_png=b"none"), "wooshmap.png: not readable as a PNG"),
     ("Upload", upload("lab", floor_png=floor_png()[:-400]), "floor.png: not readable as a PNG"),
-    (
-        "Upload",
-        {"sceneName": "lab", "fileDatas": [{"name": "floor/mark_info.data", "data": "/w=="}]},
-        "floor/mark_info.data: not a serialised woosh.map.mark.MarkInfo",
-    ),
     ("Upload", upload("wooshmap", FULL, notes_txt=b"hi"), "no file describes a map"),
     (
         "Upload",
@@ -331,20 +269,3 @@ def test_the_current_scene_is_not_replaced_during_a_task(client: JsonClient) -> 
     assert text == str(REFUSALS["MAP_CHANGE_DURING_TASK"].explanation)
     assert library(client.simulator) == before
     client.ask("woosh.map.Upload", upload("scenex", notes_txt=b"hi"))
-
-
-def test_the_library_writes_no_files(
-    client: JsonClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    upload_lab(client)
-    download(client, "lab")
-    client.ask("woosh.map.Delete", {"sceneName": "lab"})
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_big_map_passes_in_one_frame(client: JsonClient) -> None:
-    big = bytes(range(256)) * 4096 * 20
-    files = {"floor.yaml": NAV2, "floor.png": floor_png(), "big.bin": big}
-    assert send_files(client, "lab", files)["ok"]
-    assert download(client, "lab")["big.bin"] == big

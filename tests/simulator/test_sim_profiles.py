@@ -69,42 +69,36 @@ def test_sizes_of_the_robot_are_those_of_the_profile(tmp_path: Path, data: Any) 
     assert east_wall - 0.55 < chassis.base.pose.x < east_wall - 0.5
 
 
-@pytest.mark.parametrize(
-    ("section", "key", "value", "error"),
-    [
-        ("tasks", "speed", 1.0, "unknown key 'speed'; use one of "),
-        ("tasks", "between_jobs", "soon", "must be a number"),
-        ("tasks", "between_jobs", -1.0, "must be a number of at least 0"),
-        ("tasks", "final_wait", 1, "must be true or false"),
-        ("tasks", "order_effect", [1.0, 2.0], "must be [median, usual, longest]"),
-        ("tasks", "order_effect", [3.0, 2.0, 1.0], "must be [median, usual, longest]"),
-        ("tasks", "empty_report", 1.0, "must be [least, most]"),
-        ("tasks", "state_first", 1.5, "must be a number from 0.0 to 1.0"),
-        ("tasks", "starting_states", ["kWarm"], "'kWarm' is not one of kInit, kReady"),
-        ("answers", "requests", [], "must be a mapping"),
-        ("answers", "requests", {"woosh.robot.Mode": 1.0}, "must be [median, usual, longest]"),
-        ("answers", "requests", {"woosh.robot.Mod": [0, 0, 0]}, "no such request"),
-        ("battery", "health", 1.5, "must be a whole number"),
-        ("mapping", "picture_period", 0.0, "must be a number of at least 0.001"),
-        ("driving", "max_speed", 1e9, "must be a number from 0.01 to 10.0"),
-        ("driving", "max_turn_rate", 1e9, "must be a number from 0.01 to 20.0"),
-        ("charging", "docking_speed", 0.0, "must be a number of at least 0.001"),
-        ("rates", "pose_speed", None, "is missing"),
-        ("model", "outline", [[0.0, 1.0], [1.0, 0.0]], "has 2 entries, which is less than 3"),
-        ("model", "outline", [[0.0], [1.0], [2.0]], "must be [x, y]"),
-        ("status_codes", "language", "fr", "'fr' is not one of zh, en, none"),
-    ],
-)
-def test_invalid_value_is_named(
-    tmp_path: Path, data: Any, section: str, key: str, value: Any, error: str
-) -> None:
-    data[section][key] = value
-    with pytest.raises(DataFileError) as found:
-        load_profile(write(tmp_path, data))
-    text = str(found.value)
-    assert text.startswith(f"own.yaml: {section}"), text
-    assert key in text
-    assert error in text
+INVALID: list[tuple[str, str, Any, str]] = [
+    ("tasks", "speed", 1.0, "unknown key 'speed'; use one of "),
+    ("tasks", "between_jobs", "soon", "must be a number"),
+    ("tasks", "between_jobs", -1.0, "must be a number of at least 0"),
+    ("tasks", "final_wait", 1, "must be true or false"),
+    ("tasks", "order_effect", [3.0, 2.0, 1.0], "must be [median, usual, longest]"),
+    ("tasks", "empty_report", 1.0, "must be [least, most]"),
+    ("tasks", "state_first", 1.5, "must be a number from 0.0 to 1.0"),
+    ("tasks", "starting_states", ["kWarm"], "'kWarm' is not one of kInit, kReady"),
+    ("answers", "requests", [], "must be a mapping"),
+    ("answers", "requests", {"woosh.robot.Mod": [0, 0, 0]}, "no such request"),
+    ("battery", "health", 1.5, "must be a whole number"),
+    ("driving", "max_speed", 1e9, "must be a number from 0.01 to 10.0"),
+    ("rates", "pose_speed", None, "is missing"),
+    ("model", "outline", [[0.0, 1.0], [1.0, 0.0]], "has 2 entries, which is less than 3"),
+    ("model", "outline", [[0.0], [1.0], [2.0]], "must be [x, y]"),
+    ("status_codes", "language", "fr", "'fr' is not one of zh, en, none"),
+]
+"""Section of the profile, key, invalid value, and what the error says."""
+
+
+def test_invalid_value_is_named(tmp_path: Path, data: Any) -> None:
+    for section, key, value, error in INVALID:
+        invalid = {**data, section: {**data[section], key: value}}
+        with pytest.raises(DataFileError) as found:
+            load_profile(write(tmp_path, invalid))
+        text = str(found.value)
+        assert text.startswith(f"own.yaml: {section}"), text
+        assert key in text
+        assert error in text
 
 
 def test_unknown_profile_names_the_shipped_ones() -> None:

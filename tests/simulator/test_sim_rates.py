@@ -1,17 +1,22 @@
-"""Rates of reports, and remote control: the profile tr200."""
+"""Rates of reports, remote control, and times of answers: the profile tr200."""
 
 from __future__ import annotations
 
+import dataclasses
+import statistics
 from itertools import pairwise
 
 import pytest
 
-from tests.simulator.real_tasks import exec_task, real_robot
-from tests.simulator.recorded_chassis import SteppedChassis, ask, pushed
-from tests.simulator.sim_wire import connected, pass_time
+from tests.simulator.real_tasks import exec_task, real_robot, shows
+from tests.simulator.recorded_chassis import SteppedChassis, answer_to, ask, pushed, wait_frame
+from woosh_robot_agent.simulator.profile import Interval, load_profile
 
-POSE, BATTERY, SCAN = "woosh.robot.PoseSpeed", "woosh.robot.Battery", "woosh.robot.ScannerData"
-TWIST = "woosh.robot.Twist"
+POSE, BATTERY = "woosh.robot.PoseSpeed", "woosh.robot.Battery"
+TWIST, UPLOAD = "woosh.robot.Twist", "woosh.map.Upload"
+UNINIT, IDLE = 1, 2
+EMERGENCY_STOP = 1024
+INIT_ROBOT, MODE, INFO = "woosh.robot.InitRobot", "woosh.robot.Mode", "woosh.robot.RobotInfo"
 FACTS = real_robot()
 RATES, DRIVING = FACTS["rates"], FACTS["driving"]
 SPEED = 0.1
@@ -52,7 +57,7 @@ def test_robot_that_stands_pushes_no_pose(real: SteppedChassis) -> None:
     assert len(pushed(real, POSE)) == count
 
 
-@pytest.mark.parametrize("phase", [0.0, 0.01, 0.03, 0.049])
+@pytest.mark.parametrize("phase", [0.0, 0.03, 0.049])
 def test_first_motion_comes_after_the_velocity(real: SteppedChassis, phase: float) -> None:
     real.run(1.0)
     real.chassis.run_until(1.0 + phase)
@@ -102,32 +107,19 @@ def test_measured_step_ends_without_rolling_on(real: SteppedChassis) -> None:
     assert place.distance(real.chassis.pose.point) == pytest.approx(0.5, abs=2e-3)
 
 
-def test_scans_are_new_at_their_rate(real: SteppedChassis) -> None:
-    exec_task(real)
-    real.run(4.0)
-    changes, last = [], None
-    for _ in range(80):
-        scan = ask(real, SCAN)
-        if scan.body["ranges"] != last:
-            changes.append(real.chassis.elapsed)
-            last = scan.body["ranges"]
-        real.run(0.05)
-    periods = [after - before for before, after in pairwise(changes[1:])]
-    assert sum(periods) / len(periods) == pytest.approx(RATES["scan"], rel=0.2)
-
-
-def test_unchanged_battery_is_pushed_again(real: SteppedChassis) -> None:
-    real.chassis.battery.level = 50.0
-    real.run(1.0)
-    start = len(pushed(real, BATTERY))
-    for _ in range(550):
-        real.chassis.battery.level = 50.0
-        real.run(2.0)
-    times = [frame.time for frame in pushed(real, BATTERY)[start:]]
-    least, most = RATES["Battery"]
+def test_unchanged_battery_is_pushed_again() -> None:
+    profile = load_profile("tr200")
+    assert list(profile.rates.battery or ()) == RATES["Battery"]
+    rates = dataclasses.replace(profile.rates, battery=Interval(5.0, 6.0))
+    chassis = SteppedChassis(profile=dataclasses.replace(profile, rates=rates))
+    chassis.chassis.battery.level = 50.5
+    chassis.run(1.0)
+    start = len(pushed(chassis, BATTERY))
+    chassis.run(40.0)
+    times = [frame.time for frame in pushed(chassis, BATTERY)[start:]]
     periods = [after - before for before, after in pairwise(times)]
-    assert periods
-    assert all(least <= period <= most for period in periods), periods
+    assert len(periods) >= 5
+    assert all(5.0 <= period <= 6.06 for period in periods), periods
 
 
 def test_battery_is_pushed_when_it_changes(real: SteppedChassis) -> None:
@@ -145,17 +137,79 @@ def test_battery_is_pushed_when_it_changes(real: SteppedChassis) -> None:
     }
 
 
-def test_pose_arrives_at_its_rate_over_a_socket() -> None:
-    """The stamps of the frames have times between the steps of the motion."""
-    with connected(speed=2, profile="tr200") as client:
-        client.subscribe(POSE)
-        client.send(
-            {"type": "woosh.robot.ExecTask", "sn": 99, "body": {"type": 1, "markNo": "K10"}}
-        )
-        pass_time(client.simulator, 6.0)
-        client.ask("woosh.robot.Mode")
-    stamps = [frame["timestamp"] for frame in client.pushes if frame["type"] == POSE]
-    periods = sorted(after - before for before, after in pairwise(stamps))
-    assert len(periods) > 10
-    period = 1000 * RATES["PoseSpeed while moving"]
-    assert periods[len(periods) // 2] == pytest.approx(period, rel=0.02)
+def answer_times(type_name: str, count: int) -> list[float]:
+    """Return the times of the answers to `count` requests one after another, shortest first."""
+    chassis = SteppedChassis()
+    found = []
+    for _ in range(count):
+        sent = chassis.chassis.elapsed
+        found.append(answer_to(chassis, type_name).time - sent)  # accepted or refused
+    return sorted(found)
+
+
+def test_answers_take_as_long_as_those_of_the_real_robot() -> None:
+    answers = load_profile("tr200").answers
+    for name, times in FACTS["answers"].items():
+        assert list(answers.requests.get(name, answers.default)) == times, name
+    median, usual, longest = FACTS["answers"][UPLOAD]
+    found = answer_times(UPLOAD, 150)
+    assert statistics.median(found) == pytest.approx(median, rel=0.2, abs=0.005)
+    assert found[int(0.9 * len(found))] == pytest.approx(usual, rel=0.4, abs=0.02)
+    assert found[-1] <= longest
+    # A velocity is answered as over a radio link.
+    median = FACTS["median_answers"]["woosh.robot.Twist"]
+    assert statistics.median(answer_times("woosh.robot.Twist", 30)) == pytest.approx(
+        median, rel=0.2
+    )
+
+
+def test_init_robot_answers_when_it_is_done(real: SteppedChassis) -> None:
+    sent = real.chassis.elapsed
+    answer = ask(real, INIT_ROBOT, isRecord=True)
+    assert answer.time - sent == pytest.approx(FACTS["median_answers"][INIT_ROBOT], rel=0.2)
+    uninit, idle = (wait_frame(real, shows(state)) for state in (UNINIT, IDLE))
+    assert uninit.time - sent <= FACTS["times"]["InitRobot to kUninit"][1]
+    least, most = FACTS["times"]["InitRobot to kIdle"]
+    assert least <= idle.time - sent <= most
+
+
+def test_robot_refuses_tasks_until_it_is_initialised() -> None:
+    chassis = SteppedChassis(initialised=False)
+    chassis.request(INIT_ROBOT, isRecord=True)
+    chassis.run(3.0)
+    assert answer_to(chassis, "woosh.robot.ExecTask", taskId="1", type=1, markNo="A2").ok is False
+    chassis.run(3.0)
+    ask(chassis, "woosh.robot.ExecTask", taskId="1", type=1, markNo="A2")
+
+
+def test_second_initialisation_replaces_the_first_one(real: SteppedChassis) -> None:
+    real.request(INIT_ROBOT, isRecord=True)
+    real.run(3.0)
+    second = real.chassis.elapsed
+    ask(real, INIT_ROBOT, isRecord=True)
+    idle = wait_frame(real, shows(IDLE))
+    assert idle.time - second >= FACTS["times"]["InitRobot to kIdle"][0]
+
+
+def test_waiting_answer_delays_no_other_request(real: SteppedChassis) -> None:
+    slow = real.request(INIT_ROBOT, isRecord=True)
+    real.run(0.5)
+    quick = real.request(MODE)
+    real.run(1.0)
+    assert [frame.sn for frame in real.frames if frame.sn] == [quick]
+    real.run(5.0)
+    assert [frame.sn for frame in real.frames if frame.sn] == [quick, slow]
+
+
+def test_query_is_answered_with_the_value_at_that_time() -> None:
+    """Otherwise an answer could hold an older value than a push before it."""
+    late = 0
+    for seed in range(30):
+        chassis = SteppedChassis(seed=seed)
+        sn = chassis.request(INFO)
+        chassis.chassis.set_emergency_stop(True)
+        answer = wait_frame(chassis, lambda frame, sn=sn: frame.sn == sn)
+        if answer.time > 0.0:
+            late += 1
+            assert answer.body["deviceState"]["hardware"] == EMERGENCY_STOP
+    assert late > 5

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import ast
-import string
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
-from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.refusals import REFUSALS
 from woosh_robot_agent.testing import wait_until
 
 CALL, CODE, PROC = "woosh.ros.CallAction", "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
@@ -66,6 +61,13 @@ CASES: dict[str, tuple[Prepare | None, str, Json, str, str | None]] = {
     "task set while a task runs": (
         task_runs, "woosh.robot.ExecPreTask", {"taskSetId": 666}, EXECUTING, "140801000131",
     ),
+    "set to repeat while a task runs": (
+        task_runs,
+        "woosh.task.RepeatTask",
+        {"order": 3, "taskSet": {"base": {"id": 666}}},
+        EXECUTING,
+        "140801000131",
+    ),
     "velocity during a task": (task_runs, TWIST, {"linear": 0.2}, NO_TWIST, "140801000091"),
     "initialisation during a task": (
         task_runs, "woosh.robot.InitRobot", {"isRecord": True}, FAILED, "140801000232",
@@ -86,6 +88,23 @@ CASES: dict[str, tuple[Prepare | None, str, Json, str, str | None]] = {
         None, "woosh.robot.ExecPreTask", {"taskSetId": 4}, FAILED, "140801000141",
     ),
     "unknown mark": (None, EXEC_TASK, {"type": 1, "markNo": "Z"}, FAILED, None),
+    "map in task mode": (
+        None,
+        "woosh.robot.BuildMap",
+        {"type": 1, "sceneName": "new", "mapName": "hall"},
+        FAILED,
+        "140801000041",
+    ),
+    "point in task mode": (
+        None, "woosh.robot.Deployment", {"type": 4, "mode": 1}, FAILED, "140801000101",
+    ),
+    "update of an unknown map": (
+        asked("woosh.robot.SwitchWorkMode", {"mode": 1}),
+        "woosh.robot.BuildMap",
+        {"type": 2, "sceneName": "a", "mapName": "b"},
+        FAILED,
+        "140701000021",
+    ),
     "pause without a task": (
         None, "woosh.robot.ActionOrder", {"order": 2}, FAILED, "140801000271",
     ),
@@ -102,7 +121,9 @@ CASES: dict[str, tuple[Prepare | None, str, Json, str, str | None]] = {
 def reasons(client: JsonClient) -> list[Json]:
     """Return the pushed codes that give reasons, without those of what `prepare` did."""
     codes = [push for push in client.pushes if push["type"] == CODE]
-    return [push for push in codes if push["body"]["code"].startswith(("140801", "120301"))]
+    return [
+        push for push in codes if push["body"]["code"].startswith(("140801", "140701", "120301"))
+    ]
 
 
 @pytest.mark.parametrize(
@@ -144,33 +165,3 @@ def test_zero_velocity_is_accepted_in_every_state(profile: str) -> None:
         client.simulator.inject("key_switch")
         answer = client.request(TWIST)
         assert (answer["ok"], answer["msg"]) == (True, "Request succeed")
-
-
-@pytest.mark.chassis(speed=50, profile="instant")
-def test_quick_profile_explains_refusals_and_sends_no_codes(client: JsonClient) -> None:
-    client.subscribe(CODE)
-    client.simulator.inject("lost_localisation")
-    client.next_push(CODE)
-    client.pushes.clear()
-    reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
-    assert client.refusal(*TASK) == reason
-    assert client.refusal("woosh.robot.ActionOrder", {"order": 2}).startswith("no task is running")
-    pass_time(client.simulator, 1.0)
-    assert client.take_pushes(CODE) == []
-
-
-def test_every_refusal_is_declared_with_the_values_that_it_is_given() -> None:
-    """Each use of a refusal names exactly the fields of its explanation."""
-    used: set[str] = set()
-    for path in Path(refusals.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-                used |= {node.attr} if node.value.id == "refusals" else set()
-            if not (isinstance(node, ast.Call) and ast.unparse(node.func) == "RefusedError"):
-                continue
-            situation = ast.unparse(node.args[0])
-            if situation.startswith("refusals."):
-                explanation = REFUSALS[situation.removeprefix("refusals.")].explanation
-                fields = {field for _, field, _, _ in string.Formatter().parse(explanation)}
-                assert {key.arg for key in node.keywords} == fields - {None}, situation
-    assert used >= set(REFUSALS)

@@ -6,10 +6,17 @@ import base64
 import json
 from typing import Any
 
-import pytest
-
 from tests.fact_files import facts
 from tests.simulator.sim_wire import JsonClient
+from woosh_robot_agent.pb.map import map_edit_pb2, map_pack_pb2, storage_edit_pb2
+from woosh_robot_agent.pb.robot import (
+    robot_count_pb2,
+    robot_pack_pb2,
+    robot_pb2,
+    robot_setting_pb2,
+)
+from woosh_robot_agent.pb.ros import ros_pack_pb2
+from woosh_robot_agent.pb.task import woosh_task_pb2
 
 IDLE = 2
 # Bodies of the requests that must not be empty.
@@ -44,6 +51,63 @@ def test_every_service_is_answered_with_its_type(client: JsonClient) -> None:
         assert isinstance(answer["timestamp"], int)
 
 
+FILES = (
+    map_edit_pb2,
+    map_pack_pb2,
+    storage_edit_pb2,
+    robot_count_pb2,
+    robot_pack_pb2,
+    robot_pb2,
+    robot_setting_pb2,
+    ros_pack_pb2,
+    woosh_task_pb2,
+)
+"""The files of the schema that have requests to a robot. Other files have parts of messages, and
+messages of the dispatch system and of devices beside the robot."""
+
+NO_REQUESTS = {
+    # Answers
+    "woosh.map.DownloadResponse",
+    "woosh.map.SceneMd5Response",
+    "woosh.map.SceneSyncResponse",
+    "woosh.robot.CountDataResponse",
+    "woosh.robot.DeploymentResponse",
+    # Parts of other messages
+    "woosh.map.SceneFileMD5",
+    "woosh.robot.count.Abnormals",
+    "woosh.robot.count.Operations",
+    "woosh.robot.count.Statuses",
+    "woosh.robot.count.Tasks",
+    "woosh.ros.Feedback",
+    "woosh.task.CallInfo",
+    "woosh.task.CallTask",
+    "woosh.task.TaskInfo",
+    "woosh.task.WooshTask",
+    "woosh.task.WooshTaskSet",
+    # Requests to a dispatch system, which keeps task sets of many robots
+    "woosh.task.AddTask",
+    "woosh.task.InsertTask",
+    # Pushed by robots with a beacon receiver, which this one has not
+    "woosh.robot.BeaconData",
+}
+"""Messages of these files that are not requests to a robot."""
+
+REQUESTS = sorted(
+    {each.full_name for file in FILES for each in file.DESCRIPTOR.message_types_by_name.values()}
+    - NO_REQUESTS
+    | {"woosh.device.RfRemoteController"}
+)
+
+
+def test_no_request_is_refused_as_unknown(client: JsonClient) -> None:
+    for name in REQUESTS:
+        answer = client.request(name)
+        unknown = answer["type"] == "error" or answer["msg"].startswith("unknown message type")
+        assert not unknown, answer
+        assert answer["ok"] or (answer["type"], answer["body"]) == (name, {})
+        assert answer["ok"] or answer["msg"], name
+
+
 def test_unknown_messages_are_refused(client: JsonClient) -> None:
     for name in ("woosh.robot.Nonsense", "woosh.dispatch.FindTask", "google.protobuf.Any"):
         client.send({"type": name, "body": {}, "sn": 9})
@@ -72,6 +136,7 @@ INVALID: list[tuple[str, Any, str]] = [
         "no actions for tasks of type 3 with the number 7: the numbers of this type are 0, 1",
     ),
     ("woosh.robot.ExecPreTask", {"taskSetId": 7}, "unknown task set 7"),
+    ("woosh.robot.ExecTaskSet", {"repeatTimes": 2}, "ExecTaskSet names no task set"),
     ("woosh.robot.ActionOrder", {"order": 2}, "no task is running"),
     ("woosh.robot.ActionOrder", {"order": 4}, "no task is running"),
     ("woosh.robot.ActionOrder", {"order": 6}, "no task is waiting"),
@@ -102,6 +167,8 @@ INVALID: list[tuple[str, Any, str]] = [
     ("woosh.ros.CallAction", {"moveBase": {"action": 2}}, "MoveBase is not running"),
     ("woosh.ros.CallAction", {"moveBase": {"action": 1}}, "no target"),
     ("woosh.ros.CallAction", {"navMode": {"mode": 1}}, "no navigation is running"),
+    ("woosh.ros.CallAction", {"navMode": {"mode": 3, "waitTime": 1e38}}, "wait_time is"),
+    ("woosh.ros.CallAction", {"liftControl2": {"action": 1, "height": 1.1}}, "lift"),
     (
         "woosh.ros.CallAction",
         {"stepControl": {"action": 1, "steps": [{"mode": 1, "value": 0.001}] * 1001}},
@@ -127,6 +194,8 @@ INVALID: list[tuple[str, Any, str]] = [
 
 
 def test_invalid_requests_are_refused_with_a_reason(client: JsonClient) -> None:
+    code = "woosh.robot.count.StatusCode"
+    client.subscribe(code)
     before = _lasting_info(client)
     for name, body, reason in INVALID:
         answer = client.request(name, body)
@@ -134,6 +203,7 @@ def test_invalid_requests_are_refused_with_a_reason(client: JsonClient) -> None:
         assert reason in answer["msg"]
         assert answer["type"] == name
         assert _lasting_info(client) == before, reason
+    assert client.take_pushes(code) == []  # the reason is in the answer
 
 
 def _lasting_info(client: JsonClient) -> Any:
@@ -143,37 +213,32 @@ def _lasting_info(client: JsonClient) -> Any:
     return info
 
 
-@pytest.mark.parametrize(
-    ("switch", "mode", "usual", "reason"),
-    [
-        ("SwitchControlMode", 2, 1, "manual mode: switch to automatic first"),
-        ("SwitchControlMode", 3, 1, "maintenance mode: switch to automatic first"),
-        ("SwitchWorkMode", 1, 2, "deployment mode: switch to task mode first"),
-        (
-            "SwitchWorkMode",
-            3,
-            2,
-            "schedule mode: a dispatch system drives it; switch to task mode first",
-        ),
-    ],
-)
-def test_jobs_are_refused_outside_automatic_task_mode(
-    client: JsonClient, switch: str, mode: int, usual: int, reason: str
-) -> None:
+MODES: list[tuple[str, int, int, str]] = [
+    ("SwitchControlMode", 2, 1, "manual mode: switch to automatic first"),
+    ("SwitchControlMode", 3, 1, "maintenance mode: switch to automatic first"),
+    ("SwitchWorkMode", 1, 2, "deployment mode: switch to task mode first"),
+    ("SwitchWorkMode", 3, 2, "schedule mode: a dispatch system drives it; switch to task mode"),
+]
+"""Switches, modes in which jobs are refused, the usual modes, and the reasons."""
+
+
+def test_jobs_are_refused_outside_automatic_task_mode(client: JsonClient) -> None:
     requests: list[tuple[str, Any]] = [
         ("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"}),
         ("woosh.robot.ExecPreTask", {"taskSetId": 666}),
+        ("woosh.task.RepeatTask", {"order": 3, "taskSet": {"base": {"id": 666}}}),
         ("woosh.robot.Follow", {"type": True}),
         ("woosh.ros.CallAction", {"moveBase": {"action": 1, "targetPose": {"x": 1}}}),
         ("woosh.ros.CallAction", {"liftControl": {"action": 1, "executeMode": 1}}),
     ]
-    client.ask(f"woosh.robot.{switch}", {"mode": mode})
-    assert client.ask("woosh.robot.OperationState")["robot"] == 0
-    for name, body in requests:
-        assert client.refusal(name, body) == f"robot is in {reason}"
-    assert client.ask("woosh.robot.RobotState")["state"] == IDLE
-    client.ask(f"woosh.robot.{switch}", {"mode": usual})
-    assert client.ask("woosh.robot.OperationState")["robot"] == 1
+    for switch, mode, usual, reason in MODES:
+        client.ask(f"woosh.robot.{switch}", {"mode": mode})
+        assert client.ask("woosh.robot.OperationState")["robot"] == 0
+        for name, body in requests:
+            assert client.refusal(name, body).startswith(f"robot is in {reason}")
+        assert client.ask("woosh.robot.RobotState")["state"] == IDLE
+        client.ask(f"woosh.robot.{switch}", {"mode": usual})
+        assert client.ask("woosh.robot.OperationState")["robot"] == 1
     for name, body in requests[:2]:
         client.ask(name, body)
 

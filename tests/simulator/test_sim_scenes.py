@@ -18,10 +18,10 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.scenes import robot_files
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import MarkKind
-from woosh_robot_agent.testing import running_chassis
 
 SCENE = """
 name: lab
@@ -53,27 +53,21 @@ def write_scene(folder: Path, text: str = SCENE) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    ("given", "ids"),
-    [
-        (["", ""], [1, 2]),
-        (["", "id: 1, ", ""], [2, 1, 3]),
-        (["id: 0, ", ""], [0, 1]),  # logs of real robots have maps with this id, too
-    ],
-)
-def test_maps_without_an_id_get_one_that_is_not_0(
-    tmp_path: Path, given: list[str], ids: list[int]
-) -> None:
+def test_maps_without_an_id_get_one_that_is_not_0(tmp_path: Path) -> None:
     text = "maps:\n"
-    for number, key in enumerate(given):
+    for number, key in enumerate(("", "id: 1, ", "", "id: 0, ")):
         text += f"  - {{name: m{number}, {key}walls: [[0, 0, 9, 0, 9, 9]]}}\n"
     (tmp_path / "scene.yaml").write_text(text)
-    assert [area.id for area in load_scene(tmp_path).maps] == ids
+    # Logs of real robots have maps with the id 0, too.
+    assert [area.id for area in load_scene(tmp_path).maps] == [2, 1, 3, 0]
 
 
-def test_custom_scene_is_loaded(tmp_path: Path) -> None:
-    chassis = Chassis(quick_config(seed=1, scenes=(write_scene(tmp_path),)))
+def test_custom_scene_is_loaded_and_the_robot_starts_in_the_first_one(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    other = write_scene(tmp_path / "other", SCENE.replace("lab", "wooshmap"))
+    chassis = Chassis(quick_config(seed=1, scenes=(write_scene(tmp_path), other)))
     assert list(chassis.scenes) == ["wooshmap", "scenex", "lab"]
+    assert [each.name for each in chassis.scenes["wooshmap"].maps] == ["ground", "upstairs"]
     assert (chassis.scene.name, chassis.map.name) == ("lab", "upstairs")
     assert chassis.base.pose == Pose(1.0, 0.0, 0.5)
     ground, upstairs = chassis.scene.maps
@@ -98,47 +92,22 @@ def test_custom_scene_is_loaded(tmp_path: Path) -> None:
     assert call.call_info.events[0].caller.key_id == 2
 
 
-def test_robot_starts_in_the_first_scene(tmp_path: Path) -> None:
-    (tmp_path / "one").mkdir()
-    (tmp_path / "two").mkdir()
-    one = write_map(tmp_path / "one", room_picture())
-    two = write_scene(tmp_path / "two", SCENE.replace("lab", "wooshmap"))
-    chassis = Chassis(quick_config(scenes=(one, two)))
-    assert list(chassis.scenes) == ["wooshmap", "scenex", "room"]
-    assert chassis.scene.name == "room"
-    assert [each.name for each in chassis.scenes["wooshmap"].maps] == ["ground", "upstairs"]
-
-
 INVALID_SCENES = [
     ("maps:", "mapps:", "scene.yaml: unknown key 'mapps'; use one of maps, name, start, tasks"),
     ("name: ground\n", "floor: x\n", "scene.yaml: maps[0]: name is missing"),
     ("name: ground\n", "name: upstairs\n", "scene.yaml: maps[1]: name upstairs is used twice"),
     ("name: ground\n", "name: ground\n    id: 9\n", "maps[1]: id 9 is used twice"),
     ("id: 9", "id: -1", "maps[1].id: must be a whole number from 0 to 4294967295, not -1"),
-    ("version: 5", "version: true", "maps[1].version: must be a whole number"),
     ("image: room.yaml", "image: attic.yaml", "attic.yaml"),
-    ("image: room.yaml", "image: room.png", "room.png: not readable as YAML"),
     ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, 3.0]", "maps[1].walls[0]: must be [x1, y1, x2, y2]"),
     ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, .nan, 1.0]", "maps[1].walls[0][2]: must be a number"),
     ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, 9.0e+9, 1.0]", "is not within 0 to 500 m"),
-    (
-        "walls: [[0, 0, 8, 0, 8, 6, 0, 6, 0, 0]]",
-        "floor: x",
-        "maps[0]: a map needs an image or walls",
-    ),
+    ("walls: [[0, 0, 8, 0, 8, 6, 0, 6, 0, 0]]", "floor: x", "maps[0]: a map needs an image or"),
     ("type: rack", "type: shelf", "maps[0].marks[0].type: 'shelf' is not one of base, rack,"),
     ("[4.0, 3.0, 1.5]", "[4.0, 3.0]", "marks[0].pose: must be [x, y, theta], not [4.0, 3.0]"),
-    (
-        '"17", pose',
-        "17, pose",
-        "marks[1].number: must be a text, not 17; put numbers into quotes",
-    ),
+    ('"17", pose', "17, pose", "marks[1].number: must be a text, not 17; put numbers into quotes"),
     ('"17", pose', "A1, pose", "marks[1]: number A1 is used twice"),
-    (
-        "map: upstairs, pose",
-        "map: attic, pose",
-        "start.map: 'attic' is not one of ground",
-    ),
+    ("map: upstairs, pose", "map: attic, pose", "start.map: 'attic' is not one of ground"),
     ("mark: A1}]}", "mark: Z9}]}", "calls[0].steps[0].mark: no map of the scene has a mark Z9"),
     ("type: carry", "type: fly", "steps[0].type: 'fly' is not one of pick, parking, charge, carry"),
     ("name: lab", "name: [", "scene.yaml: not readable as YAML"),
@@ -147,37 +116,40 @@ INVALID_SCENES = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "reason"), INVALID_SCENES)
-def test_invalid_scenes_are_refused_with_place_and_reason(
-    tmp_path: Path, old: str, new: str, reason: str
-) -> None:
-    assert old in SCENE
-    with pytest.raises(DataFileError) as error:
-        load_scene(write_scene(tmp_path, SCENE.replace(old, new)))
-    assert reason in str(error.value)
-    assert len(str(error.value)) < 600
+def test_invalid_scenes_are_refused_with_place_and_reason(tmp_path: Path) -> None:
+    for old, new, reason in INVALID_SCENES:
+        assert old in SCENE
+        with pytest.raises(DataFileError) as error:
+            load_scene(write_scene(tmp_path, SCENE.replace(old, new)))
+        assert reason in str(error.value)
+        assert len(str(error.value)) < 600
 
 
-def test_total_pixels_of_a_scene_are_limited(tmp_path: Path) -> None:
-    maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
-    scene = write_scene(tmp_path, f"maps:\n{maps}")
-    write_map(tmp_path, Image.new("L", (4000, 4000), 254))
-    with pytest.raises(DataFileError, match=r"maps\[2\]: the pictures of the scene have"):
-        load_scene(scene)
-
-
-def test_start_inside_a_wall_is_refused(tmp_path: Path) -> None:
-    scene = write_scene(tmp_path, SCENE.replace("[1.0, 0.0, 0.5]", "[2.9, 0.0, 0.5]"))
+def test_scenes_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
+    lab = write_scene(tmp_path)
+    with pytest.raises(DataFileError, match="another scene is called lab, too; rename one"):
+        Chassis(quick_config(scenes=(lab, lab)))
+    bad = tmp_path / "bad"
+    bad.mkdir()
+    write_scene(bad, SCENE.replace("number: A1", "number: 1"))
+    with pytest.raises(DataFileError) as found:
+        Chassis(quick_config(scenes=(lab, bad)))
+    assert str(found.value).startswith(f"{bad}: scene.yaml: maps[")
+    write_scene(bad, SCENE.replace("[1.0, 0.0, 0.5]", "[2.9, 0.0, 0.5]"))  # inside a wall
     with pytest.raises(
         DataFileError, match=r"scene lab: the robot cannot start at .* on map upstairs"
     ):
-        Chassis(quick_config(scenes=(scene,)))
+        Chassis(quick_config(scenes=(bad,)))
 
 
-def test_two_scenes_of_the_same_name_are_refused(tmp_path: Path) -> None:
-    scene = write_scene(tmp_path, SCENE)
-    with pytest.raises(DataFileError, match="another scene is called lab, too; rename one"):
-        Chassis(quick_config(scenes=(scene, scene)))
+def test_total_pixels_of_a_scene_are_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    maps = "".join(f"  - {{name: m{number}, image: room.yaml}}\n" for number in range(3))
+    scene = write_scene(tmp_path, f"maps:\n{maps}")
+    monkeypatch.setattr(robot_files, "_MAX_PIXELS", 2 * 40 * 60)
+    with pytest.raises(DataFileError, match=r"maps\[2\]: the pictures of the scene have"):
+        load_scene(scene)
 
 
 def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -195,20 +167,14 @@ def test_program_reports_invalid_scenes(tmp_path: Path, capsys: pytest.CaptureFi
     assert "not a scene: give a folder with scene.json or scene.yaml" in second
 
 
-def test_an_error_names_the_scene_that_has_it(tmp_path: Path) -> None:
-    good, bad = tmp_path / "good", tmp_path / "bad"
-    for folder, content in ((good, SCENE), (bad, SCENE.replace("number: A1", "number: 1"))):
-        folder.mkdir()
-        write_scene(folder, content)
-    with pytest.raises(DataFileError) as found:
-        Chassis(quick_config(scenes=(good, bad)))
-    assert str(found.value).startswith(f"{bad}: scene.yaml: maps[")
-
-
 def test_map_that_is_named_alone_is_that_of_the_only_scene_with_it(client: JsonClient) -> None:
     client.ask("woosh.robot.SwitchMap", {"mapName": "scenex2"})
     scene = client.ask("woosh.robot.Scene")
     assert (scene["sceneName"], scene["mapName"]) == ("scenex", "scenex2")
+    for name in ("woosh.map.SceneData", "woosh.map.SceneDataEasy"):
+        assert client.ask(name)["name"] == "scenex"
+        other = client.ask(name, {"name": "wooshmap"})
+        assert (other["name"], len(other["maps"])) == ("wooshmap", 1)
     client.ask("woosh.map.Rename", {"oldMapName": "scenex", "newMapName": "hall"})
     client.ask(
         "woosh.map.Rename",
@@ -223,26 +189,12 @@ def test_map_that_is_named_alone_is_that_of_the_only_scene_with_it(client: JsonC
     assert reason == "scenes scenex, third have a map scenex2: name the scene too"
 
 
-@pytest.mark.parametrize("name", ["woosh.map.SceneData", "woosh.map.SceneDataEasy"])
-def test_scene_data_is_that_of_the_named_scene(client: JsonClient, name: str) -> None:
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "scenex"})
-    assert client.ask(name)["name"] == "scenex"
-    other, current = (client.ask(name, {"name": each}) for each in ("wooshmap", "scenex"))
-    assert (other["name"], len(other["maps"])) == ("wooshmap", 1)
-    assert (current["name"], len(current["maps"])) == ("scenex", 2)
-
-
 def test_scene_data_contains_the_pictures_of_maps(tmp_path: Path) -> None:
-    with running_chassis(speed=1, scenes=(write_scene(tmp_path),)) as simulator:
-        client = JsonClient(simulator.port)
-        easy = client.ask("woosh.map.SceneDataEasy")
-        data = client.ask("woosh.map.SceneData")
-        client.close()
-        answered = simulator.call(lambda s: dispatch(s.chassis, SceneData()).body)
-    assert [each["name"] for each in easy["maps"]] == ["ground", "upstairs"]
-    assert [each["id"] for each in data["maps"]] == [1, 9]
+    chassis = Chassis(quick_config(scenes=(write_scene(tmp_path),)))
+    answered = dispatch(chassis, SceneData()).body
     assert isinstance(answered, SceneData)
     ground, upstairs = answered.maps
+    assert (ground.id, upstairs.id) == (1, 9)
     assert (ground.mark_info.version, ground.mark_info.floor_name) == (1, "1F")
     rack, base = ground.mark_info.storages
     assert (rack.identity.no, rack.WhichOneof("category")) == ("A1", "rack")
@@ -255,12 +207,3 @@ def test_scene_data_contains_the_pictures_of_maps(tmp_path: Path) -> None:
     expected = np.array(room_picture())
     expected[10:30, 40] = 0  # the wall at x = 3 from y = -1 to 1
     assert np.count_nonzero(greys != expected) <= 2
-    with Image.open(io.BytesIO(ground.map_png)) as image:
-        greys = np.asarray(image)[::-1]
-    x, y = (
-        (value - low) / ground.resolution
-        for value, low in ((8.0, ground.origin.x), (3.0, ground.origin.y))
-    )
-    assert greys[int(y), int(x)] == 0
-    assert greys[int(y), int(x) - 10] == 254
-    assert greys[int(y), int(x) + 5] == 205

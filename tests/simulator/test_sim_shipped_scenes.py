@@ -19,38 +19,16 @@ from woosh_robot_agent.simulator.scene_check import check_scene
 from woosh_robot_agent.simulator.scenes import files as scenes
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.collision import Obstacles
-from woosh_robot_agent.simulator.world.geometry import Pose, Wall
-from woosh_robot_agent.simulator.world.maps import MarkKind
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.picture import draw
 from woosh_robot_agent.simulator.world.planner import Planner
 
 SHIPPED = Path(scenes.__file__).parents[1] / "data"
 
 
-def test_default_scene_is_wooshmap() -> None:
-    chassis = Chassis(quick_config(seed=1))
-    assert list(chassis.scenes) == ["wooshmap", "scenex"]
-    (area,) = chassis.scene.maps
-    assert (area.id, area.name, area.floor, area.version) == (3, "wooshmap", "1F", 147)
-    assert (area.low, area.high) == ((-12.0, -10.0), (12.0, 10.0))
-    assert len(area.walls) == 19
-    assert Wall(12.0, 1.0, 12.0, 10.0) in area.walls
-    assert area.marks["A10"].pose == Pose(9.5, 7.0, math.pi / 2)
-    assert area.marks["A10"].kind is MarkKind.PALLET_PLATFORM
-    assert chassis.base.pose == Pose(4.23276472, -6.6727581, -0.255771846)
-
-
 @pytest.mark.parametrize("name", ["wooshmap", "scenex"])
 def test_robot_can_use_everything_in_the_shipped_scenes(name: str) -> None:
     assert check_scene(SHIPPED / name, load_profile("tr200")) == []
-
-
-def test_two_chassis_do_not_share_scenes() -> None:
-    one, two = Chassis(quick_config()), Chassis(quick_config())
-    one.scene.files["a"] = b""
-    one.scene.maps.clear()
-    assert two.scene.files == {}
-    assert two.scene.maps
 
 
 def test_shipped_picture_matches_the_walls() -> None:
@@ -77,7 +55,7 @@ def test_laser_and_base_behave_alike_on_picture_and_walls() -> None:
     walls = Chassis(quick_config(seed=1))
     cells = Chassis(quick_config(seed=1, scenes=(SHIPPED / "wooshmap" / "wooshmap.yaml",)))
     rng = random.Random(3)
-    for _ in range(20):
+    for _ in range(10):
         pose = Pose(rng.uniform(-11, 11), rng.uniform(-9, 9), rng.uniform(-3, 3))
         walls.base.place(pose)
         cells.base.place(pose)
@@ -85,42 +63,17 @@ def test_laser_and_base_behave_alike_on_picture_and_walls() -> None:
         # Rays that graze a wall, or pass it narrowly, may differ by more than a cell.
         alike = sum(a == b or abs(a - b) < 0.15 for a, b in pairs)
         assert alike > 0.9 * len(pairs)
-    for heading in (0.0, 1.0, 2.0, 3.0, -2.0):
+    for heading in (1.0, -2.0):
         stops = []
         for chassis in (walls, cells):
             chassis.base.place(Pose(2.0, 3.0, heading))
-            for _ in range(800):
-                execute(chassis, "woosh.robot.Twist", linear=0.5)
+            for _ in range(500):
+                execute(chassis, "woosh.robot.Twist", linear=0.8)
                 chassis.tick(TIME_STEP)
             assert chassis.base.blocked
             stops.append(chassis.base.pose)
             chassis.base.halt()
         assert stops[0].distance(stops[1].point) < 0.2
-
-
-def test_planned_paths_are_alike_on_picture_and_walls() -> None:
-    walls = load_scene(SHIPPED / "wooshmap").maps[0]
-    cells = load_scene(SHIPPED / "wooshmap" / "wooshmap.yaml").maps[0]
-    goals = [mark.pose.point for mark in walls.marks.values()]
-    start = (-9.5, -7.5)
-    for goal in goals[:3] + goals[4:]:
-        by_walls, by_cells = (Planner(area, 0.53).plan(start, goal) for area in (walls, cells))
-        assert by_walls
-        assert by_cells
-        lengths = [
-            sum(math.dist(a, b) for a, b in pairwise([start, *path]))
-            for path in (by_walls, by_cells)
-        ]
-        assert lengths[0] == pytest.approx(lengths[1], rel=0.05)
-        for a, b in pairwise([start, *by_cells]):
-            for share in range(51):
-                x, y = (a[i] + (b[i] - a[i]) * share / 50 for i in (0, 1))
-                assert walls.clearance(x, y) >= 0.43
-    planner = Planner(cells, 0.53)
-    assert planner.plan(start, (-4.9, -6.0)) is None  # too near to the partition
-    assert planner.plan(start, (12.3, 0.0)) is None  # unknown floor
-    assert planner.plan((12.3, 0.0), start) is None
-    assert planner.plan(start, (99.0, 0.0)) is None
 
 
 @pytest.mark.parametrize("name", ["wooshmap", "wooshmap/wooshmap.yaml"])
@@ -129,7 +82,7 @@ def test_paths_go_round_obstacles(name: str) -> None:
     planner = Planner(area, 0.5)
     obstacles = Obstacles()
     start, goal = (0.0, 0.0), (6.0, 0.0)
-    behind = planner.plan(start, (-9.5, -7.5))
+
     assert planner.plan(start, goal, obstacles.walls) == [goal]
     obstacles.put("a", 3.0, 0.2, 0.5)
     path = planner.plan(start, goal, obstacles.walls)
@@ -141,9 +94,7 @@ def test_paths_go_round_obstacles(name: str) -> None:
             assert obstacles.clearance(x, y) >= 0.48
     # Obstacles are not remembered between searches.
     assert planner.plan(start, goal) == [goal]
-    obstacles.put("b", -4.5, -1.8, 0.6)  # where the path round the partition turns
-    assert planner.plan(start, (-9.5, -7.5), obstacles.walls) != behind
-    assert planner.plan(start, (-9.5, -7.5)) == behind
+
     # An obstacle on the goal leaves no path.
     obstacles.put("a", 6.0, 0.3, 0.5)
     assert planner.plan(start, goal, obstacles.walls) is None

@@ -7,7 +7,7 @@ import pytest
 from tests.simulator.recorded_chassis import SteppedChassis, ask, wait_frame
 from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.simulator import Outgoing, SimulatedChassis
+from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.protocol.dispatch import dispatch
@@ -21,10 +21,6 @@ ACTION_WAIT = 5
 TASK = ("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
 STEP = {"mode": 1, "value": 10.0}
 KEY = "key switch is at manual: turn it to automatic first"
-
-
-Ask = tuple[str, Json]
-"""Type of a request and its body."""
 
 
 def test_key_switch_overrides_the_control_mode(client: JsonClient) -> None:
@@ -50,35 +46,12 @@ def test_key_switch_restores_the_control_mode_chosen_by_request(client: JsonClie
     assert client.ask(MODE)["ctrl"] == MANUAL
     client.simulator.set_key_switch(False)
     assert client.ask(MODE)["ctrl"] == MAINTAIN
+    assert "maintenance mode: switch" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
+    client.ask("woosh.robot.Twist")  # a stop is always accepted
     client.simulator.set_key_switch(True)
     client.ask("woosh.robot.SwitchControlMode", {"mode": MANUAL})
     client.simulator.set_key_switch(False)
     assert client.ask(MODE)["ctrl"] == MANUAL
-
-
-def test_maintenance_mode_refuses_remote_control(client: JsonClient) -> None:
-    client.ask("woosh.robot.SwitchControlMode", {"mode": MAINTAIN})
-    assert "maintenance mode: switch" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
-    client.ask("woosh.robot.Twist")  # a stop is always accepted
-    client.ask("woosh.robot.SwitchControlMode", {"mode": MANUAL})
-    client.ask("woosh.robot.Twist", {"linear": 0.2})
-
-
-def test_lost_localisation_shows_in_all_states_until_a_pose_is_set(client: JsonClient) -> None:
-    client.subscribe(ABNORMAL)
-    client.simulator.lose_localisation()
-    info = client.ask("woosh.robot.RobotInfo")
-    assert info["state"] == FAULT
-    assert info["operationState"]["robot"] == 0
-    assert info["deviceState"]["software"] & 1 == 0
-    assert [each["code"] for each in info["abnormalCodes"]["scs"]] == ["130103000012"]
-    reason = "robot has lost its localisation: send InitRobot or SetRobotPose first"
-    assert client.refusal(*TASK) == reason
-    client.pushes.clear()
-    client.ask("woosh.robot.SetRobotPose", {"pose": {"x": 1, "y": 2}})
-    assert client.next_push(ABNORMAL)["scs"] == []
-    assert client.ask("woosh.robot.DeviceState")["software"] & 1
-    assert client.ask(OPERATION)["robot"] == 1
 
 
 @pytest.mark.chassis(initialised=False)
@@ -94,83 +67,57 @@ def test_uninitialised_chassis_needs_init_robot(client: JsonClient) -> None:
     client.ask(*TASK)
 
 
-@pytest.fixture
-def follower(client: JsonClient) -> JsonClient:
-    """Client of a robot that follows an obstacle named `leader`."""
-    client.ask("woosh.robot.InitRobot", {"pose": {"x": 0.0, "y": 0.0}})
-    move_leader(client, 2.5, 0.0)
-    client.subscribe(STATE, "woosh.robot.PoseSpeed")
-    client.ask("woosh.robot.Follow", {"type": True})
-    assert client.next_push(STATE)["state"] == FOLLOWING
-    return client
-
-
-def move_leader(client: JsonClient, x: float, y: float) -> None:
-    client.simulator.call(lambda s: s.chassis.obstacles.put("leader", x, y, 0.2))
-
-
-def gap_to_leader(client: JsonClient, x: float, y: float) -> float:
-    return client.simulator.state.pose.distance((x, y)) - 0.2
-
-
-def test_robot_follows_its_leader_at_a_distance(follower: JsonClient) -> None:
+def test_robot_follows_its_leader_at_a_distance_until_it_loses_it(quick: SteppedChassis) -> None:
+    model = quick.chassis
+    ask(quick, "woosh.robot.InitRobot", pose={"x": 0.0, "y": 0.0})
+    ask(quick, "woosh.robot.Follow", type=True)
     for x, y in ((2.5, 0.0), (4.0, 0.5), (4.5, 2.0)):
-        move_leader(follower, x, y)
-        pass_time(follower.simulator, 15.0)
-        assert 0.9 < gap_to_leader(follower, x, y) < 1.1
-        assert abs(follower.simulator.state.pose.bearing((x, y))) < 0.2
-    odometer = follower.simulator.state.odometer
-    pass_time(follower.simulator, 10.0)
-    assert follower.simulator.state.odometer == odometer
-
-
-def test_robot_stops_when_it_loses_its_leader(follower: JsonClient) -> None:
-    follower.simulator.call(lambda s: s.chassis.obstacles.clear())
-    pass_time(follower.simulator, 10.0)
-    assert follower.simulator.state.velocity.speed == 0.0
-    assert follower.ask(STATE)["state"] == FOLLOWING
-    follower.ask("woosh.robot.Follow", {"type": False})
-    assert follower.ask(STATE)["state"] == IDLE
+        model.obstacles.put("leader", x, y, 0.2)
+        quick.run(15.0)
+        assert 0.9 < model.pose.distance((x, y)) - 0.2 < 1.1
+        assert abs(model.pose.bearing((x, y))) < 0.2
+    odometer = model.base.odometer
+    quick.run(10.0)
+    assert model.base.odometer == odometer
+    model.obstacles.put("leader", 6.5, 2.0, 0.2)
+    quick.run(1.0)
+    assert model.base.moving
+    model.obstacles.clear()
+    quick.run(5.0)
+    assert model.base.velocity == STANDSTILL
+    assert ask(quick, STATE).body["state"] == FOLLOWING
+    ask(quick, "woosh.robot.Follow", type=False)
+    assert ask(quick, STATE).body["state"] == IDLE
 
 
 @pytest.mark.parametrize(
     ("name", "body"),
     [
-        ("woosh.robot.Follow", {"type": False}),
         ("woosh.robot.Twist", {}),
         ("woosh.robot.Twist", {"angular": 0.1}),
         ("woosh.robot.ExecTask", {"type": 1, "pose": {"x": -2}}),
         ("woosh.robot.SwitchControlMode", {"mode": 2}),
     ],
 )
-def test_following_ends_with_any_other_command(follower: JsonClient, name: str, body: Json) -> None:
-    follower.ask(name, body)
-    pass_time(follower.simulator, 0.2)
-    assert not follower.simulator.state.following
-
-
-@pytest.mark.parametrize(
-    ("begin", "pause", "resume"),
-    [
-        (TASK, *(("woosh.robot.ActionOrder", {"order": order}) for order in (2, 3))),
-        tuple(
-            ("woosh.ros.CallAction", {"stepControl": {"action": action, "steps": [STEP]}})
-            for action in (1, 2, 3)
-        ),
-    ],
-    ids=["task", "action"],
-)
-def test_following_ends_with_a_resumed_job(
-    client: JsonClient, begin: Ask, pause: Ask, resume: Ask
+def test_following_ends_with_any_other_command(
+    quick: SteppedChassis, name: str, body: Json
 ) -> None:
-    for request in (begin, pause, ("woosh.robot.Follow", {"type": True})):
-        client.ask(*request)
-    assert client.simulator.state.following
-    client.ask(*resume)
-    assert not client.simulator.state.following
+    ask(quick, "woosh.robot.Follow", type=True)
+    assert quick.chassis.follower.active
+    ask(quick, name, **body)
+    quick.run(0.2)
+    assert not quick.chassis.follower.active
 
 
-def test_following_ends_with_the_wait_of_a_task(quick: SteppedChassis) -> None:
+def test_following_ends_with_a_job_that_goes_on(quick: SteppedChassis) -> None:
+    step = [{"stepControl": {"action": action, "steps": [STEP]}} for action in (1, 2, 3)]
+    ask(quick, "woosh.ros.CallAction", **step[0])
+    ask(quick, "woosh.ros.CallAction", **step[1])
+    ask(quick, "woosh.robot.Follow", type=True)
+    assert quick.chassis.follower.active
+    ask(quick, "woosh.ros.CallAction", **step[2])
+    assert not quick.chassis.follower.active
+    # A task that waits, too.
     ask(quick, "woosh.robot.ExecPreTask", taskSetId=777)
     wait_frame(quick, lambda frame: frame.type == PROC and frame.body["state"] == ACTION_WAIT)
     ask(quick, "woosh.robot.Follow", type=True)
@@ -179,28 +126,30 @@ def test_following_ends_with_the_wait_of_a_task(quick: SteppedChassis) -> None:
     wait_frame(quick, lambda frame: frame.type == PROC and frame.body["robotTaskId"] == "77702")
     quick.run(TIME_STEP)
     assert not quick.chassis.follower.active
+    # And one that was paused.
+    ask(quick, "woosh.robot.ActionOrder", order=2)
+    ask(quick, "woosh.robot.Follow", type=True)
+    ask(quick, "woosh.robot.ActionOrder", order=3)
+    assert not quick.chassis.follower.active
 
 
-def test_battery_drains_with_motion_and_charges_at_the_dock(client: JsonClient) -> None:
-    levels: list[float] = []
-    battery = client.simulator.call(lambda s: s.chassis.battery)
-
-    def record_level(out: Outgoing) -> list[Outgoing]:
-        if out.type == PROC and out.body.action.type == 7:  # it charges
-            levels.append(battery.level)
-        return [out]
-
-    client.simulator.intercept(record_level)
-    client.subscribe(PROC, "woosh.robot.Battery")
-    client.simulator.call(lambda s: setattr(s.chassis.battery, "level", 60.4))
-    client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
-    client.next_push(PROC, lambda body: body.get("action", {}).get("type") == 7)
-    assert levels[0] < 60.4 - 15 * 0.005  # the way is longer than 15 m
-    charging = client.next_push("woosh.robot.Battery", lambda body: body["chargeState"] == 3)
-    assert client.next_push("woosh.robot.Battery", lambda body: body["power"] > charging["power"])
-    assert client.ask(STATE)["state"] == 8
-    client.ask("woosh.robot.ActionOrder", {"order": 4})
-    assert client.ask("woosh.robot.Battery")["chargeState"] == 1
+def test_battery_drains_with_motion_and_charges_at_the_dock(quick: SteppedChassis) -> None:
+    battery = quick.chassis.battery
+    battery.level = 60.4
+    ask(quick, "woosh.robot.ExecTask", type=3, markNo="C1")
+    charging = 7
+    wait_frame(
+        quick,
+        lambda frame: frame.type == PROC and frame.body.get("action", {}).get("type") == charging,
+    )
+    before = battery.level
+    assert before < 60.4 - 15 * 0.005  # the way is longer than 15 m
+    quick.run(60.0)
+    assert battery.level > before + 0.9
+    assert ask(quick, "woosh.robot.Battery").body["chargeState"] == 3
+    assert ask(quick, STATE).body["state"] == 8
+    ask(quick, "woosh.robot.ActionOrder", order=4)
+    assert ask(quick, "woosh.robot.Battery").body["chargeState"] == 1
 
 
 def test_empty_battery_refuses_motion_until_it_is_charged(client: JsonClient) -> None:

@@ -30,39 +30,30 @@ def counted(client: JsonClient) -> JsonClient:
     return client
 
 
-def test_statistics_begin_empty_with_the_first_day(client: JsonClient) -> None:
-    counted = client.ask(COUNT)
-    assert (counted["operationQty"], counted["taskQty"], counted["abnormalQty"]) == (1, 0, 0)
-    (day,) = counted["operations"]["ops"]
+def test_day_begins_empty_and_is_pushed_after_each_metre_and_each_minute(
+    counted: JsonClient,
+) -> None:
+    data = counted.ask(COUNT)
+    assert (data["operationQty"], data["taskQty"], data["abnormalQty"]) == (1, 0, 0)
+    (day,) = data["operations"]["ops"]
     assert (day["id"], day["date"], day["distance"], day["end"]) == (1, 20250101, 0, False)
     assert day["mileage"] == {"start": 1204, "end": 1204}
-    assert (counted["tasks"], counted["abnormals"]) == ({"ts": []}, {"ss": []})
+    assert (data["tasks"], data["abnormals"]) == ({"ts": []}, {"ss": []})
     for name in (TASK, STATUS):
-        assert (client.ask(name)["id"], client.ask(name)["end"]) == (0, False)
+        assert (counted.ask(name)["id"], counted.ask(name)["end"]) == (0, False)
 
-
-def test_day_counts_the_distance_and_the_time(counted: JsonClient) -> None:
-    before = counted.simulator.state
-    counted.ask("woosh.robot.ExecTask", TO_A2)
-    counted.next_push(TASK, lambda body: body["end"])
-    counted.pushes.clear()
-    (day,) = counted.ask(COUNT, {"countType": 1})["operations"]["ops"]
-    driven = int(counted.simulator.state.odometer) - int(before.odometer)
-    assert driven >= 10
-    assert day["distance"] == driven
-    assert day["mileage"] == {"start": 1204, "end": 1204 + driven}
-    assert day["uptime"] <= counted.simulator.state.elapsed < day["uptime"] + 60
-    assert day["buckets"] == [{"start": START, "end": START + day["uptime"]}]
-
-
-def test_day_is_pushed_after_each_metre_and_each_minute(counted: JsonClient) -> None:
     counted.ask("woosh.robot.ExecTask", TO_A2)
     pushed = [counted.next_push(OPERATION) for _ in range(5)]
     assert [each["distance"] for each in pushed] == [1, 2, 3, 4, 5]
-    pass_time(counted.simulator, 60.0)
+    counted.next_push(TASK, lambda body: body["end"])
+    (day,) = counted.ask(COUNT, {"countType": 1})["operations"]["ops"]
+    driven = int(counted.simulator.state.odometer) - 1204
+    assert (day["distance"], day["mileage"]) == (driven, {"start": 1204, "end": 1204 + driven})
+    assert day["uptime"] <= counted.simulator.state.elapsed < day["uptime"] + 60
+    assert day["buckets"] == [{"start": START, "end": START + day["uptime"]}]
     counted.take_pushes(OPERATION)
     first, second = counted.next_push(OPERATION), counted.next_push(OPERATION)
-    assert second["distance"] == first["distance"]
+    assert first["distance"] == second["distance"] == driven
     assert second["uptime"] - first["uptime"] == 60
     assert counted.ask("woosh.robot.RobotInfo")["countOperation"]["id"] == second["id"]
 
@@ -95,6 +86,10 @@ def test_task_is_counted_by_its_result(
     assert abs(closed["cons"] - duration) <= 1
     if state == COMPLETED:
         assert closed["cons"] > 5
+    if state == FAILED:  # the failure is counted, although it does not last
+        failure = counted.ask(STATUS)
+        assert (failure["info"]["code"], failure["info"]["robotTaskId"]) == ("140304000012", "5")
+        assert (failure["end"], failure["cons"]) == (True, 0)
     assert counted.ask("woosh.robot.RobotInfo")["countTask"] == closed
     assert counted.ask(TASK) == closed
 
@@ -125,14 +120,6 @@ def test_problem_is_counted_from_its_beginning_to_its_end(counted: JsonClient) -
     info = counted.ask("woosh.robot.RobotInfo")
     assert info["countError"] == closed
     assert info["abnormalCodes"]["scs"] == []
-
-
-def test_failure_is_counted_although_it_does_not_last(counted: JsonClient) -> None:
-    counted.ask("woosh.robot.ExecTask", UNREACHABLE)
-    failure = counted.next_push(STATUS)
-    assert (failure["info"]["code"], failure["info"]["robotTaskId"]) == ("140304000012", "5")
-    assert (failure["end"], failure["cons"]) == (True, 0)
-    assert failure["bucket"]["start"] == failure["bucket"]["end"]
 
 
 # Without sockets, in simulated time
@@ -186,13 +173,23 @@ def test_durations_do_not_follow_the_clock_when_it_jumps(chassis: Chassis) -> No
     assert (counted.tasks.ts[0].cons, counted.abnormals.ss[0].cons) == (10, 10)
 
 
-def test_records_come_in_pages_of_100(chassis: Chassis) -> None:
+def test_records_come_in_pages_of_100_or_by_their_ids(chassis: Chassis) -> None:
     count_tasks(chassis, 250)
     pages = [counted_data(chassis, count_type=CountData.kTask, task_page=n) for n in range(4)]
     ids = [[each.id for each in page.tasks.ts] for page in pages]
     assert ids == [[*range(1, 101)], [*range(101, 201)], [*range(201, 251)], []]
     assert {page.task_qty for page in pages} == {250}
     assert [len(page.operations.ops) for page in pages] == [0] * 4
+    sync = counted_data(
+        chassis, req_type=CountData.kSync, operation_id=[1], task_id=[4, 2, 999], status_id=[1]
+    )
+    assert [each.id for each in sync.operations.ops] == [1]
+    assert [each.id for each in sync.tasks.ts] == [2, 4]
+    assert (sync.operation_qty, sync.task_qty, sync.abnormal_qty) == (1, 2, 0)
+    # The oldest records are dropped beyond the limit.
+    count_tasks(chassis, 9_755)
+    counted = counted_data(chassis)
+    assert (counted.task_qty, counted.tasks.ts[0].id) == (10_000, 6)
 
 
 def test_records_of_a_time_span_are_those_that_overlap_it(chassis: Chassis) -> None:
@@ -211,27 +208,3 @@ def test_records_of_a_time_span_are_those_that_overlap_it(chassis: Chassis) -> N
     assert tasks_within(12, 18) == []
     assert tasks_within(25, 0) == [1, 2]
     assert tasks_within(100, 0) == []
-
-
-def test_records_are_requested_again_by_their_ids(chassis: Chassis) -> None:
-    count_tasks(chassis, 5)
-    sync = counted_data(
-        chassis, req_type=CountData.kSync, operation_id=[1], task_id=[4, 2, 99], status_id=[1]
-    )
-    assert [each.id for each in sync.operations.ops] == [1]
-    assert [each.id for each in sync.tasks.ts] == [2, 4]
-    assert (sync.operation_qty, sync.task_qty, sync.abnormal_qty) == (1, 2, 0)
-
-
-def test_oldest_records_are_dropped_beyond_the_limit(chassis: Chassis) -> None:
-    count_tasks(chassis, 10_005)
-    counted = counted_data(chassis)
-    assert (counted.task_qty, counted.tasks.ts[0].id) == (10_000, 6)
-
-
-@pytest.mark.chassis(profile="tr200")
-def test_tr200_counts_too(counted: JsonClient) -> None:
-    counted.ask("woosh.robot.ExecTask", TO_A2)
-    assert counted.next_push(OPERATION)["distance"] == 1
-    closed = counted.next_push(TASK, lambda body: body["end"])
-    assert (closed["taskId"], closed["state"]) == ("5", COMPLETED)

@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.simulator.sim_wire import JsonClient, connected
-from woosh_robot_agent import simulator as package
 from woosh_robot_agent.simulator import status_codes
-from woosh_robot_agent.simulator.__main__ import main
 
 CODES = [each for each in vars(status_codes).values() if isinstance(each, status_codes.Code)]
 FACTS = Path(__file__).parents[1] / "facts/status_codes.yaml"
@@ -29,27 +27,9 @@ def test_every_code_is_in_the_table_of_real_robots() -> None:
         assert code.text("none") == "", code
 
 
-def test_no_code_is_declared_twice_or_elsewhere() -> None:
-    numbers = [code.number for code in CODES]
-    assert len(set(numbers)) == len(numbers)
-    folder = Path(package.__file__).parent
-    elsewhere = {
-        path.name: found
-        for path in folder.rglob("*.py")
-        if (found := re.findall(r"\b1[1-4]\d{10}\b", path.read_text("utf-8")))
-    }
-    assert set(elsewhere) == {"status_codes.py"}
-    assert sorted(map(int, elsewhere["status_codes.py"])) == sorted(numbers)
-
-
 @pytest.mark.parametrize(
     ("options", "language"),
-    [
-        ({}, "zh"),
-        ({"profile": "instant"}, "en"),
-        ({"code_language": "none"}, "none"),
-        ({"profile": "instant", "code_language": "zh"}, "zh"),
-    ],
+    [({}, "zh"), ({"profile": "instant"}, "en"), ({"code_language": "none"}, "none")],
 )
 def test_language_of_the_texts(options: dict[str, str], language: str) -> None:
     with connected(**{"profile": "tr200", **options}) as client:
@@ -60,31 +40,6 @@ def test_language_of_the_texts(options: dict[str, str], language: str) -> None:
         for code in (pushed, listed):
             assert (code["code"], code["msg"]) == (str(EMERGENCY_STOP), TEXTS[language])
             assert code["level"] == 3
-
-
-def test_unknown_language_on_the_command_line_is_refused(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with pytest.raises(SystemExit):
-        main(["--code-language", "fr"])
-    assert "invalid choice: 'fr'" in capsys.readouterr().err
-
-
-def test_abnormal_codes_list_what_is_wrong_now(client: JsonClient) -> None:
-    assert client.ask(ABNORMAL)["scs"] == []
-    client.subscribe(ABNORMAL, "woosh.robot.DeviceState")
-    stop = client.simulator.inject("emergency_stop")
-    assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["110201000013"]
-    device = client.ask("woosh.robot.DeviceState")
-    assert (device["hardware"], device["software"]) == (1024, 1)
-    lost = client.simulator.inject("lost_localisation")
-    found = [each["code"] for each in client.next_push(ABNORMAL)["scs"]]
-    assert found == ["110201000013", "130103000012"]
-    assert client.ask("woosh.robot.DeviceState")["software"] == 0
-    stop.clear()
-    assert [each["code"] for each in client.next_push(ABNORMAL)["scs"]] == ["130103000012"]
-    lost.clear()
-    assert client.next_push(ABNORMAL)["scs"] == []
 
 
 def test_changes_of_the_control_mode_are_reported(client: JsonClient) -> None:

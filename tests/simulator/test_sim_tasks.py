@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 
+from tests.quick_chassis import set_speed
 from tests.simulator.sim_wire import Json, JsonClient, pass_time
 
 PROC = "woosh.robot.TaskProc"
@@ -47,31 +47,8 @@ def test_task_drives_to_a_mark(client: JsonClient) -> None:
     assert info["taskProc"] == reports[-1] == client.ask(PROC)
     assert info["taskHistory"]["tes"] == [reports[-1]]
     assert info["state"] == 2
-
-
-def test_running_task_pushes_state_path_and_pose(client: JsonClient) -> None:
-    client.subscribe("woosh.robot.NavPath", "woosh.robot.RobotState", "woosh.robot.PoseSpeed")
-    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
-    assert client.next_push("woosh.robot.RobotState")["state"] == 4
-    path = client.next_push("woosh.robot.NavPath")["path"]["poses"]
-    assert len(path) > 2
-    assert path[-1]["x"] == pytest.approx(-9.5)
-    plan = client.ask("woosh.robot.PlanPath")["planPath"]
-    assert plan[0]["path"]["poses"] == path
-    client.next_push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.7)
-    client.ask("woosh.robot.ActionOrder", {"order": 4})
-    assert client.next_push("woosh.robot.NavPath")["path"]["poses"] == []
     codes = client.ask("woosh.robot.count.StatusCodes")["scs"]
     assert {"130104000000", "130104000061"} <= {code["code"] for code in codes}
-
-
-def test_generated_task_ids_increase(client: JsonClient) -> None:
-    ids = []
-    for _ in range(3):
-        client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
-        ids.append(int(client.ask(PROC)["robotTaskId"]))
-    assert ids == sorted(set(ids))
-    assert ids[0] > 1_700_000_000
 
 
 def test_newer_task_replaces_the_older_one(client: JsonClient) -> None:
@@ -86,23 +63,6 @@ def test_newer_task_replaces_the_older_one(client: JsonClient) -> None:
     reports = reports_until_end(client)
     assert {each["robotTaskId"] for each in reports} == {"2"}
     assert reports[-1]["state"] == COMPLETED
-
-
-def test_task_can_be_paused_continued_and_cancelled(client: JsonClient) -> None:
-    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
-    client.next_push(PROC, lambda body: body["state"] == EXECUTING)
-    client.ask("woosh.robot.ActionOrder", {"order": 2})
-    paused = client.next_push(PROC)
-    assert (paused["state"], paused["action"]["state"]) == (PAUSED, 10)
-    assert client.ask("woosh.robot.RobotState")["state"] == 4
-    pass_time(client.simulator, 2.0)
-    assert client.ask("woosh.robot.PoseSpeed")["twist"]["linear"] == 0.0
-    client.ask("woosh.robot.ActionOrder", {"order": 3})
-    assert client.next_push(PROC)["state"] == EXECUTING
-    client.ask("woosh.robot.ActionOrder", {"order": 4})
-    end = client.next_push(PROC)
-    assert (end["state"], end["action"]["state"]) == (CANCELED, 3)
-    assert "no task" in client.refusal("woosh.robot.ActionOrder", {"order": 4})
 
 
 def test_failed_task_is_reported_and_can_be_recovered(client: JsonClient) -> None:
@@ -120,33 +80,25 @@ def test_failed_task_is_reported_and_can_be_recovered(client: JsonClient) -> Non
     assert client.next_push(PROC)["state"] == FAILED
 
 
-def test_wait_ends_after_its_time_or_by_order(client: JsonClient) -> None:
-    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
-    client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
-    client.ask("woosh.robot.ActionOrder", {"order": 6})
-    assert client.next_push(PROC)["state"] == COMPLETED
-    waiting = client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
-    assert waiting["action"] == {"type": 6, "state": 1, "waitId": 1}
-    end = client.next_push(PROC)
-    assert end["state"] == COMPLETED
-    assert 4 <= end["time"] - waiting["time"] <= 6
-
-
-def test_wait_without_a_time_lasts_until_the_order(client: JsonClient) -> None:
+def test_wait_ends_by_order_or_after_its_time(client: JsonClient) -> None:
     client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
     waiting = client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
     assert waiting["action"] == {"type": 6, "state": 1, "waitId": 1}
+    # This one has no time. It can be paused, and waits again when continued.
     pass_time(client.simulator, 60.0)
-    # It can be paused, and waits again when continued.
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     assert client.next_push(PROC)["state"] == PAUSED
     client.ask("woosh.robot.ActionOrder", {"order": 3})
     assert client.next_push(PROC)["state"] == ACTION_WAIT
-    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    # A velocity of zero does not pause it: nothing moves.
+    assert client.request("woosh.robot.Twist")["ok"]
+    assert client.take_pushes(PROC) == []
+    client.ask("woosh.robot.ActionOrder", {"order": 6})
     assert client.next_push(PROC)["state"] == COMPLETED
-    second = reports_until_end(client)
-    assert {each["robotTaskId"] for each in second} == {"77702"}
-    assert second[-1]["state"] == COMPLETED
+    waiting = client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
+    end = client.next_push(PROC)
+    assert end["state"] == COMPLETED
+    assert 4 <= end["time"] - waiting["time"] <= 6
 
 
 CONTROL_MODE = "woosh.robot.SwitchControlMode"
@@ -171,8 +123,10 @@ CONDITIONS: dict[str, tuple[Change, Change]] = {
 }
 
 
-@pytest.mark.parametrize("order", [CONTINUE, RECOVER])
-@pytest.mark.parametrize("reason", CONDITIONS)
+@pytest.mark.parametrize(
+    ("reason", "order"),
+    list(zip(CONDITIONS, (CONTINUE, RECOVER, CONTINUE, CONTINUE), strict=True)),
+)
 def test_robot_that_is_not_ready_pauses_its_task_until_an_order(
     client: JsonClient, reason: str, order: int
 ) -> None:
@@ -195,24 +149,7 @@ def test_robot_that_is_not_ready_pauses_its_task_until_an_order(
     assert client.next_push(PROC)["state"] == COMPLETED
 
 
-def test_charge_task_charges(client: JsonClient) -> None:
-    client.simulator.call(lambda s: setattr(s.chassis.battery, "level", 97.0))
-    client.subscribe("woosh.robot.Battery", "woosh.robot.RobotState")
-    client.ask("woosh.robot.ExecTask", {"type": 3, "markNo": "C1"})
-    reports = reports_until_end(client)
-    assert [each["action"]["type"] for each in reports[2:]] == [1, 1, 3, 3, 2, 2, 2, 2, 7, 7]
-    assert reports[-1]["state"] == COMPLETED
-    info = client.ask("woosh.robot.RobotInfo")
-    assert (info["state"], info["battery"]["power"]) == (2, 98)
-    battery = client.ask("woosh.robot.Battery")
-    assert (battery["chargeState"], battery["power"]) == (1, 98)
-    assert client.ask("woosh.robot.RobotState")["state"] == 2
-
-
-@pytest.mark.parametrize("target", [{}, {"pose": {"x": 0, "y": 0, "theta": 0}}])
-def test_charge_task_without_a_mark_leads_to_the_nearest_charger(
-    client: JsonClient, target: Any
-) -> None:
+def test_charge_task_without_a_mark_leads_to_the_nearest_charger(client: JsonClient) -> None:
     storage = {
         "identity": {"no": "C2"},
         "pose": {"dock": {"x": 10.0, "y": -6.0, "theta": 0.0}},
@@ -220,7 +157,7 @@ def test_charge_task_without_a_mark_leads_to_the_nearest_charger(
     }
     client.ask("woosh.map.mark.storage.Create", {"storage": storage})
     client.simulator.call(lambda s: setattr(s.chassis.battery, "level", 97.9))
-    client.ask("woosh.robot.ExecTask", {"type": 3, **target})
+    client.ask("woosh.robot.ExecTask", {"type": 3, "pose": {"x": 0, "y": 0, "theta": 0}})
     reports = reports_until_end(client)
     assert (reports[-1]["state"], reports[-1]["dest"]) == (COMPLETED, "C2")
     assert client.simulator.state.pose.distance((10.0, -6.0)) < 0.05
@@ -261,37 +198,23 @@ def test_mark_precedes_path_and_path_precedes_pose(client: JsonClient) -> None:
 
 def test_changed_path_leads_to_the_same_goal(client: JsonClient) -> None:
     client.subscribe("woosh.robot.NavPath")
+    set_speed(client.simulator, 1.0)  # it drives until all requests have been answered
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
     client.next_push("woosh.robot.NavPath")
-    path = {"planPath": [{"path": {"poses": [{"x": 0, "y": 0}, {"x": 1.23, "y": 2.34}]}}]}
+    path: Json = {"planPath": [{"path": {"poses": [{"x": 0, "y": 0}, {"x": 1.23, "y": 2.34}]}}]}
     client.ask("woosh.robot.ChangeNavPath", {"paths": path})
     poses = client.next_push("woosh.robot.NavPath")["path"]["poses"]
     assert {"x": 0.0, "y": 0.0} in [{"x": each["x"], "y": each["y"]} for each in poses]
+    # Also while it is paused.
+    client.ask("woosh.robot.ActionOrder", {"order": 2})
+    path["planPath"][0]["path"]["poses"][0]["y"] = 0.5
+    client.ask("woosh.robot.ChangeNavPath", {"paths": path})
+    poses = client.ask("woosh.robot.NavPath")["path"]["poses"]
+    assert {"x": 0.0, "y": 0.5} in [{"x": each["x"], "y": each["y"]} for each in poses]
+    client.ask("woosh.robot.ActionOrder", {"order": 3})
+    set_speed(client.simulator, 50.0)
     client.next_push(PROC, lambda body: body["state"] == COMPLETED)
     assert client.simulator.state.pose.x == pytest.approx(5.0, abs=0.005)
-
-
-def test_strict_path_is_driven_exactly(client: JsonClient) -> None:
-    client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0}})
-    client.subscribe("woosh.robot.NavPath", "woosh.robot.PoseSpeed")
-    corners = [(4.0, 1.0), (5.0, -1.0), (6.0, 1.0), (6.0, 2.0)]
-    poses = [{"x": x, "y": y, "theta": 1.0} for x, y in corners]
-    path = {"planPath": [{"path": {"poses": poses}, "optimal": 9}]}
-    client.ask("woosh.robot.ExecTask", {"type": 1, "planPath": path})
-    driven = client.next_push("woosh.robot.NavPath")["path"]["poses"]
-    assert [(each["x"], each["y"]) for each in driven] == [(3.0, 0.0), *corners]
-    left = dict.fromkeys(corners, math.inf)
-    while True:
-        frame = client.receive()
-        if frame["type"] == "woosh.robot.PoseSpeed":
-            pose = frame["body"]["pose"]
-            for corner in corners:
-                left[corner] = min(left[corner], math.dist(corner, (pose["x"], pose["y"])))
-        elif frame["type"] == PROC and frame["body"]["state"] in ENDED:
-            break
-    assert frame["body"]["state"] == COMPLETED
-    assert max(left.values()) < 0.02
-    assert client.simulator.state.pose.theta == pytest.approx(1.0, abs=0.005)
 
 
 @pytest.mark.parametrize(("arrival", "turned"), [(1, False), (2, True)])
@@ -313,9 +236,14 @@ def test_navigation_mode_changes_the_speed_while_navigating(client: JsonClient) 
     answer = client.request("woosh.robot.ChangeNavMode", {"navMode": {"maxSpeed": 0.3}})
     assert (answer["ok"], "no effect" in answer["msg"]) == (True, True)
     client.subscribe("woosh.robot.PoseSpeed")
+    set_speed(client.simulator, 5.0)  # it still drives when the mode changes
     client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
     client.next_push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.79)
+    for speed in (-0.5, 1e-9):
+        too_low = {"navMode": {"type": 2, "mode": 1, "maxSpeed": speed}}
+        assert "speed" in client.refusal("woosh.robot.ChangeNavMode", too_low)
     client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": 2, "maxSpeed": 0.3}})
+    set_speed(client.simulator, 50.0)
     client.next_push("woosh.robot.PoseSpeed", lambda body: 0.29 < body["twist"]["linear"] < 0.301)
     client.subscribe(PROC)
     speeds = []
@@ -325,19 +253,15 @@ def test_navigation_mode_changes_the_speed_while_navigating(client: JsonClient) 
     assert max(speeds) < 0.301
 
 
-def test_remote_control_is_refused_until_the_task_is_paused(client: JsonClient) -> None:
+def test_remote_control_waits_for_a_pause_and_a_map_switch_for_the_end(client: JsonClient) -> None:
+    switch = ("woosh.robot.SwitchMap", {"sceneName": "scenex"})
+    set_speed(client.simulator, 1.0)  # it drives until all requests have been answered
     client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
     client.next_push(PROC, lambda body: body["state"] == EXECUTING)
     assert "task 8 is driving" in client.refusal("woosh.robot.Twist", {"linear": 0.2})
-    assert "task is running" in client.refusal("woosh.robot.SwitchMap", {"sceneName": "scenex"})
+    assert "task is running" in client.refusal(*switch)
     client.ask("woosh.robot.ActionOrder", {"order": 2})
     client.ask("woosh.robot.Twist", {"linear": 0.2})
-
-
-def test_map_switch_is_refused_while_a_job_is_paused(client: JsonClient) -> None:
-    switch = ("woosh.robot.SwitchMap", {"sceneName": "scenex"})
-    client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
-    client.ask("woosh.robot.ActionOrder", {"order": 2})
     assert client.refusal(*switch) == "task 8 is paused: cancel it first"
     client.ask("woosh.robot.ActionOrder", {"order": 4})
     call, target = "woosh.ros.CallAction", {"x": 3, "y": -5}
@@ -358,6 +282,7 @@ def test_failed_task_cannot_be_recovered_on_another_map(client: JsonClient) -> N
 
 def test_zero_twist_pauses_a_moving_task(client: JsonClient) -> None:
     client.subscribe("woosh.robot.PoseSpeed")
+    set_speed(client.simulator, 5.0)  # it still drives when the velocity comes
     client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
     client.next_push("woosh.robot.PoseSpeed", lambda body: body["twist"]["linear"] > 0.5)
     answer = client.request("woosh.robot.Twist")
@@ -370,16 +295,10 @@ def test_zero_twist_pauses_a_moving_task(client: JsonClient) -> None:
     assert (paused["state"], paused["msg"]) == (PAUSED, "stopped by a velocity of zero")
     assert client.simulator.state.velocity.speed == 0.0
     client.pushes.clear()
+    set_speed(client.simulator, 50.0)
     client.ask("woosh.robot.ActionOrder", {"order": 3})
     assert client.next_push(PROC)["state"] == EXECUTING
     assert client.next_push(PROC)["state"] == COMPLETED
-
-
-def test_zero_twist_does_not_pause_a_waiting_task(client: JsonClient) -> None:
-    client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
-    client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
-    assert client.request("woosh.robot.Twist")["ok"]
-    assert client.take_pushes(PROC) == []
 
 
 def test_history_keeps_the_last_fifty_tasks(client: JsonClient) -> None:
@@ -388,19 +307,3 @@ def test_history_keeps_the_last_fifty_tasks(client: JsonClient) -> None:
     ids = [int(each["robotTaskId"]) for each in client.ask("woosh.robot.TaskHistory")["tes"]]
     # The last task may or may not have ended by now.
     assert ids in (list(range(10, 60)), list(range(11, 61)))
-
-
-def test_path_of_a_paused_task_changes_at_once(client: JsonClient) -> None:
-    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
-    client.ask("woosh.robot.ActionOrder", {"order": 2})
-    corners = [{"x": 0.0, "y": 0.0}, {"x": 1.25, "y": 2.25}]
-    client.ask("woosh.robot.ChangeNavPath", {"paths": {"planPath": [{"path": {"poses": corners}}]}})
-    poses = client.ask("woosh.robot.NavPath")["path"]["poses"]
-    assert {(1.25, 2.25), (0.0, 0.0)} <= {(pose["x"], pose["y"]) for pose in poses}
-
-
-@pytest.mark.parametrize("speed", [-0.5, 1e-9])
-def test_too_low_navigation_speed_is_refused(client: JsonClient, speed: float) -> None:
-    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A23"})
-    mode = {"type": 2, "mode": 1, "maxSpeed": speed}
-    assert "speed" in client.refusal("woosh.robot.ChangeNavMode", {"navMode": mode})
