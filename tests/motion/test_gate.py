@@ -334,6 +334,18 @@ async def test_a_second_start_before_a_stop_is_also_cancelled_late() -> None:
         await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
 
 
+async def test_a_late_start_is_cancelled_although_an_earlier_one_has_never_begun() -> None:
+    """Its client may have cancelled the earlier one in time."""
+    async with gated(hold=0.0, effect=1.0) as rig:
+        await ok(rig.gate.request(ExecTask(task_id=6)))
+        await asyncio.sleep(1.1)
+        await ok(rig.gate.request(ExecTask(task_id=7)))
+        await soon(rig.gate.stop(TIMEOUT))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
+
+
 async def test_a_late_start_that_is_not_cancelled_is_an_error(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

@@ -534,8 +534,8 @@ class MotionGate:
         stopped, effect = self._stop_called, self.timing.effect
         sent = self._recent_starts(started) or [-math.inf]
         self._starts[started] = sent[1:]
-        # what was sent after the stop may be what begins
-        is_late = stopped - effect < sent[0] and sent[-1] < stopped
+        # any of them may be what begins: one that never does, or one that was sent after the stop
+        is_late = stopped - effect < sent[-1] < stopped
         if is_late and time.monotonic() < stopped + effect:
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives or time.monotonic() < self._wheels_taken + self.timing.driving:
