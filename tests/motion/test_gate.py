@@ -334,6 +334,33 @@ async def test_a_second_start_before_a_stop_is_also_cancelled_late() -> None:
         await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
 
 
+@pytest.mark.parametrize("late", ["start", "stop"])
+async def test_a_start_that_a_busy_chassis_executes_late_is_cancelled(late: str) -> None:
+    """What it begins depends on when it executes the requests, not on when they were sent."""
+    busy, held = True, list[Frame]()
+
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        if busy and frame["type"] != "woosh.robot.RobotInfo" and "sn" in frame:
+            held.append(frame)
+            return True
+        return await answer_all(wire, frame)
+
+    async with gated(chassis, hold=0.0, effect=0.5) as rig:
+        starting = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
+        await eventually(lambda: held)
+        await asyncio.sleep(0.6 if late == "start" else 0.0)
+        stopping = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
+        await eventually(lambda: len(held) == 1 + ORDERS)
+        await asyncio.sleep(0.0 if late == "start" else 0.6)
+        busy = False
+        for frame in held:
+            await rig.wire.answer(frame)
+        assert (await soon(starting)).ok
+        assert (await soon(stopping)).success
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: len(types(rig.wire)) == 1 + 2 * ORDERS)
+
+
 async def test_a_late_start_is_cancelled_although_an_earlier_one_has_never_begun() -> None:
     """Its client may have cancelled the earlier one in time."""
     async with gated(hold=0.0, effect=1.0) as rig:

@@ -211,6 +211,19 @@ class AnsweredCommand(NamedTuple):
     requested: float
 
 
+@dataclass
+class _Start:
+    """A start of a task or an action that was sent from here.
+
+    Attributes:
+        sent: monotonic time at which it was sent.
+        answered: monotonic time at which its answer came, or its request failed; infinite before.
+    """
+
+    sent: float
+    answered: float = math.inf
+
+
 class MotionGate:
     """The only sender of requests that move the robot. Used in the event loop of the link.
 
@@ -239,15 +252,17 @@ class MotionGate:
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
         """Monotonic time at which the chassis last accepted a task or driving action from here."""
-        self._starts: dict[str, list[float]] = {}
-        """Monotonic times at which tasks, and actions of each kind, were sent from here, the oldest
-        first; without those that have begun since. Named as in `started_by`."""
+        self._starts: dict[str, list[_Start]] = {}
+        """The last starts of tasks, and of actions of each kind, the oldest first; without those
+        that have begun since. Named as in `started_by`."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
         """Loop time until which requests that move the robot are refused."""
         self._stop_called = -math.inf
         """Loop time at which the last stop was announced."""
+        self._stop_answered = -math.inf
+        """Monotonic time at which the chassis had last answered all requests of a stop."""
         self._stalls = StallWatch(lambda: self.timing)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
@@ -313,7 +328,9 @@ class MotionGate:
                     "a part of the program failed to note a stop, which is sent all the same"
                 )
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
-        return await self._send_stop(timeout)
+        report = await self._send_stop(timeout)
+        self._stop_answered = time.monotonic()
+        return report
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
@@ -448,16 +465,18 @@ class MotionGate:
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + self.timing.driving
-        started, sent = started_by(message), time.monotonic()
+        started, start = started_by(message), _Start(time.monotonic())
         if started:  # now, because the answer may be lost, or come after the report
-            self._starts[started] = [*self._recent_starts(started), sent]
+            self._starts[started] = [*self._recent_starts(started), start]
         try:
             answer = await self._send(message, how)  # rule 3: once
         except (NotConnectedError, SupersededError, TooManyRequestsError):  # nothing was sent
-            self._forget_start(started, sent)
+            self._forget_start(started, start)
             raise
+        finally:
+            start.answered = time.monotonic()
         if not answer.ok:
-            self._forget_start(started, sent)
+            self._forget_start(started, start)
             # rule 6: the start has ended all earlier velocities, and this later one was refused;
             # after any other refusal, an earlier velocity may still drive the robot
             if message is self._unanswered_at_start and message is self._last_velocity:
@@ -473,14 +492,14 @@ class MotionGate:
             self._drives_until = -math.inf
         return answer
 
-    def _recent_starts(self, started: str) -> list[float]:
-        """Return the times in `_starts` that may still matter after a stop."""
+    def _recent_starts(self, started: str) -> list[_Start]:
+        """Return those of `_starts` that may still matter after a stop."""
         oldest = time.monotonic() - 2 * self.timing.effect
-        return [each for each in self._starts.get(started, ()) if each > oldest]
+        return [each for each in self._starts.get(started, ()) if each.answered > oldest]
 
-    def _forget_start(self, started: str, sent: float) -> None:
-        """Note that a command that was sent at `sent` starts nothing."""
-        self._starts[started] = [each for each in self._recent_starts(started) if each != sent]
+    def _forget_start(self, started: str, start: _Start) -> None:
+        """Note that a command starts nothing."""
+        self._starts[started] = [each for each in self._recent_starts(started) if each is not start]
 
     def refusal(self, published: float | None) -> str:
         """Return why a command may not move the robot now; empty if it may. Thread-safe.
@@ -531,12 +550,10 @@ class MotionGate:
 
     def _start_reported(self, started: str, drives: bool) -> None:
         """Note that a task or an action has begun. If it drives, no earlier velocity does."""
-        stopped, effect = self._stop_called, self.timing.effect
-        sent = self._recent_starts(started) or [-math.inf]
-        self._starts[started] = sent[1:]
-        # any of them may be what begins: one that never does, or one that was sent after the stop
-        is_late = stopped - effect < sent[-1] < stopped
-        if is_late and time.monotonic() < stopped + effect:
+        starts = self._recent_starts(started)
+        self._starts[started] = starts[1:]
+        # any of them may be what begins, so none may have been sent after the stop
+        if starts and starts[-1].sent < self._stop_called and any(map(self._is_late, starts)):
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives or time.monotonic() < self._wheels_taken + self.timing.driving:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
@@ -546,6 +563,17 @@ class MotionGate:
             self._unanswered_at_start = self._last_velocity
         else:  # rule 6
             self._drives_until = -math.inf
+
+    def _is_late(self, start: _Start) -> bool:
+        """Return True if what begins now may have been started before the last stop.
+
+        The times count from the answers, because a busy chassis executes requests late.
+        """
+        effect, now = self.timing.effect, time.monotonic()
+        may_begin_after_stop = self._stop_called < start.answered + effect
+        return may_begin_after_stop and now < effect + max(
+            self._stop_called, self._stop_answered, start.answered
+        )
 
     async def _cancel_late_start(self) -> None:
         """Cancel what was started before the last stop, and has begun after it.
