@@ -201,6 +201,28 @@ async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_
         assert speeds(rig.wire) == [0, 0]
 
 
+async def test_a_zero_that_is_refused_until_the_task_has_ended_is_sent_again_then() -> None:
+    """A real robot ends a task some time after it has accepted the cancel."""
+    ended = False
+
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        return await (answer_all if ended else refuse_zeros)(wire, frame) or await answer_all(
+            wire, frame
+        )
+
+    async with gated(chassis, effect=NEVER) as rig:
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
+        await eventually(lambda: len(types(rig.wire)) == ORDERS + 1)
+        await turns()
+        assert not stop.done()
+        ended = True
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "state": "kCanceled"})
+        assert (await soon(stop)).success
+        assert speeds(rig.wire) == [0, 0, 0]
+
+
 async def test_a_stop_that_the_chassis_refuses_without_a_reason_says_so() -> None:
     async def refuse(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == TWIST:

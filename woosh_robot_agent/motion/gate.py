@@ -30,7 +30,7 @@ import asyncio
 import logging
 import math
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -134,6 +134,10 @@ class StopReport:
 
 def _is_ok(answer: Answer | LinkError) -> bool:
     return isinstance(answer, Answer) and answer.ok
+
+
+def _is_refused(answer: Answer | LinkError) -> bool:
+    return isinstance(answer, Answer) and not answer.ok
 
 
 def _reason(answer: Answer | LinkError) -> str:
@@ -314,7 +318,7 @@ class MotionGate:
         """Send a zero velocity and cancel everything that moves the robot, ahead of other requests.
 
         A real robot refuses velocities during a task. A refused zero is sent once more when the
-        cancels have been answered.
+        cancels have been answered, and again when they have taken effect.
 
         Args:
             timeout: time to wait for each answer, in seconds.
@@ -339,21 +343,31 @@ class MotionGate:
         queued = [*reversed(orders.values()), Twist()]
         answers = await asyncio.gather(*(self._send_first(each, timeout) for each in queued))
         zero, *cancels = reversed(answers)
-        if isinstance(zero, Answer) and not zero.ok:
+        if _is_refused(zero):
             zero = await self._send_first(Twist(), timeout)
         answered = dict(zip(orders, cancels, strict=True))
-        refused = [
-            name
-            for name, answer in answered.items()
-            if isinstance(answer, Answer) and not answer.ok
-        ]
-        until = asyncio.get_running_loop().time() + self.timing.effect
-        while running := tuple(filter(self._reported_owner.moves, refused)):
-            # an earlier cancel may have ended it already, and the report be on its way
-            if asyncio.get_running_loop().time() > until:
-                break
-            await asyncio.sleep(_CHECK_PERIOD)
+        refused = [name for name, answer in answered.items() if _is_refused(answer)]
+        # an earlier cancel may have ended it already, and the report be on its way
+        await self._wait_for_end(refused)
+        # until a cancel takes effect, the chassis may refuse the zero
+        if _is_refused(zero) and await self._wait_for_end(orders):
+            zero = await self._send_first(Twist(), timeout)
+        running = tuple(filter(self._reported_owner.moves, refused))
         return StopReport(zero, answered, running)
+
+    async def _wait_for_end(self, names: Collection[str]) -> bool:
+        """Wait until none of these tasks and actions moves the robot, at most `timing.effect`.
+
+        Returns:
+            True if one of them moved the robot.
+        """
+        clock = asyncio.get_running_loop().time
+        until = clock() + self.timing.effect
+        moved = False
+        while any(map(self._reported_owner.moves, names)) and clock() <= until:
+            moved = True
+            await asyncio.sleep(_CHECK_PERIOD)
+        return moved
 
     async def close(self, timeout: float) -> None:
         """Refuse all further motion, and stop the robot if it may be driving at a velocity.
