@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -257,6 +258,22 @@ async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
         assert set(viewer.refusals) == {TOO_SLOW}
         assert chassis.counts[TWIST] == 0
         await hold(viewer, lambda: is_driving(chassis))
+
+
+async def test_what_was_given_before_a_suspension_of_the_computer_is_not_sent(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It arrives when the computer wakes up, and the monotonic time stood still meanwhile."""
+    real = time.clock_gettime
+    async with controlled(chassis) as viewer:
+        clock = await viewer.until(lambda parts: parts["clock"])
+        monkeypatch.setattr(time, "clock_gettime", lambda which: real(which) + 60.0)
+        ok, text = await viewer.command_at(clock, "charge")
+        assert (ok, TOO_SLOW in text) == (False, True)
+        viewer.press += 1
+        await viewer.drive(0.3, clock=clock)
+        assert await viewer.until(lambda _: viewer.refusals) == [TOO_SLOW]
+        assert not {full_name(ExecTask), TWIST} & set(chassis.counts)
 
 
 async def test_a_place_of_another_map_is_not_sent(chassis: SimulatorThread) -> None:

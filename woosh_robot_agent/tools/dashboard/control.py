@@ -114,7 +114,7 @@ class Control:
     5. The page repeats the newest time that it got from this process. If that time is old, the
        connection is slow in one direction or the other, and neither a velocity nor a command that
        may start a motion is sent. The same holds if that time is before the last stop, because
-       the viewer did not know of the stop.
+       the viewer did not know of the stop, or before the end of a stall of this process.
     6. Each press of the stick has a number. A stop, a refused velocity, a velocity that the robot
        does not answer, another control mode, a robot that sends nothing or a gap between the
        velocities ends the press. Only another press drives again.
@@ -318,6 +318,9 @@ class Control:
         """Return the reason if a command or velocity is too old to be sent (rule 5), or None."""
         known = clock / 1000.0
         if not 0.0 <= asyncio.get_running_loop().time() - known <= self._config.max_age:
+            return TOO_SLOW
+        # the time of the event loop does not count a suspension of this computer
+        if known < self._gate.stall_ended + self._gate.timing.settle:
             return TOO_SLOW
         if known <= self._stopped_at:
             return _STOPPED_MEANWHILE
