@@ -440,6 +440,21 @@ async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
         await first.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
+async def test_a_stop_that_fails_after_a_later_one_was_confirmed_raises_no_alarm(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stop_alarm, "_STANDSTILL", TIMEOUT)
+    async with controlled_by_two(chassis) as (first, second):
+        chassis.mute(full_name(ActionOrder))
+        failing = asyncio.ensure_future(first.refused("stop"))
+        await eventually(lambda: chassis.counts[full_name(ActionOrder)])
+        chassis.accept(full_name(ActionOrder))
+        await second.give("stop")
+        await failing
+        await second.passed(1.5)
+        assert not second.parts["fleet"][0]["alarm"]
+
+
 async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift(
     chassis: SimulatorThread,
 ) -> None:

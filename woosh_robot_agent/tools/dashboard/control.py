@@ -356,9 +356,9 @@ class Control:
         return Text("reason.running", owner=owner) if owner else None
 
     async def _stop(self, viewer: Viewer) -> Outcome:
-        driving = self.owner, self._press
+        driving, given = (self.owner, self._press), asyncio.get_running_loop().time()
         report = await self._gate.stop(_STOP_TIMEOUT)
-        self.alarm.answered(report)
+        self.alarm.answered(report, given)
         key = "reply.stopped" if report.success else "reply.notStopped"
         text = Text(key, text=report.message)
         if driving == (self.owner, self._press):  # a press that began meanwhile goes on
