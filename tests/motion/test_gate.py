@@ -440,6 +440,25 @@ async def test_a_start_after_a_stop_that_ended_one_before_it_began_is_not_cancel
         await begins_uncancelled(rig)
 
 
+@pytest.mark.parametrize("again", [False, True], ids=["before the stop", "again after it"])
+async def test_a_task_of_another_client_that_a_stop_did_not_reach_is_cancelled(again: bool) -> None:
+    """The state of the robot shows that it has accepted a task, before the task begins."""
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        before = rig.client.stats.rx
+        await rig.wire.push("woosh.robot.RobotState", {"state": "kTask"})
+        await eventually(lambda: rig.client.stats.rx > before)
+        await turns()
+        assert (await soon(rig.gate.stop(TIMEOUT))).success
+        if again:
+            for state in ("kIdle", "kTask"):
+                await rig.wire.push("woosh.robot.RobotState", {"state": state})
+            await begins_uncancelled(rig)
+        else:
+            sent = len(types(rig.wire))
+            await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+            await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
+
+
 async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:
     async with gated(hold=0.0, effect=NEVER) as rig:
         await ok(rig.gate.request(Follow(type=True)))

@@ -265,6 +265,9 @@ class MotionGate:
         """Loop time until which requests that move the robot are refused."""
         self._stop_called = -math.inf
         """Loop time at which the last stop was announced."""
+        self._awaited_task = 0
+        """Number of the task that the chassis had accepted and not begun at the last stop, in
+        `WheelOwner.acceptances`; 0 without one."""
         self._stop_answered = -math.inf
         """Monotonic time at which the chassis had last answered all requests of a stop."""
         self._stalls = StallWatch(lambda: self.timing)
@@ -332,6 +335,8 @@ class MotionGate:
                     "a part of the program failed to note a stop, which is sent all the same"
                 )
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
+        owner = self._reported_owner
+        self._awaited_task = owner.acceptances if owner.awaits_task else 0
         report = await self._send_stop(timeout)
         self._stop_answered = time.monotonic()
         return report
@@ -567,7 +572,8 @@ class MotionGate:
         starts = self._recent_starts(started)
         self._starts[started] = starts[1:]
         # any of them may be what begins, so none may have been sent after the stop
-        if starts and starts[-1].sent < self._stop_called and any(map(self._is_late, starts)):
+        is_new = bool(starts) and starts[-1].sent > self._stop_called
+        if not is_new and (any(map(self._is_late, starts)) or self._is_awaited(started)):
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives or time.monotonic() < self._wheels_taken + self.timing.driving:
             # This gate sent the start, and has noted it when the chassis accepted it. A velocity
@@ -588,6 +594,15 @@ class MotionGate:
         return may_begin_after_stop and now < effect + max(
             self._stop_called, self._stop_answered, start.answered
         )
+
+    def _is_awaited(self, started: str) -> bool:
+        """Return True if it is the task that the chassis had accepted before the last stop."""
+        if started != "task":
+            return False
+        number, self._awaited_task = self._awaited_task, 0
+        stopped = max(self._stop_called, self._stop_answered)
+        is_same = number == self._reported_owner.acceptances > 0
+        return is_same and time.monotonic() < stopped + self.timing.effect
 
     async def _cancel_late_start(self) -> None:
         """Cancel what was started before the last stop, and has begun after it.
