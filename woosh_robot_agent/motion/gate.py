@@ -8,7 +8,8 @@
    before the link was lost, is not sent after a reconnect.
 4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, those that
    arrive shortly after the stop, and those that a client sent before it, are not sent. What was
-   started from here just before the stop is cancelled again if it begins just after it.
+   started from here just before the stop is cancelled again if it begins just after it, and so is a
+   task of another client that the chassis had accepted.
 5. A closed gate sends nothing that moves the robot. On closing, it sends a zero velocity if the
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
