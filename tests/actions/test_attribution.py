@@ -112,6 +112,10 @@ CASES = {
         ],
         "another end after progress": [(RUNNING, PROGRESS, MINE), (RUNNING, SUCCEEDED, MINE)],
         "cancel wanted": [(RUNNING, PROGRESS, MINE), (RUNNING, CANCELED, MINE, WANTED)],
+        "cancel wanted before it has begun": [
+            (RUNNING, CANCELED, NOT_MINE, WANTED),
+            (RUNNING, CANCELED, MINE, WANTED),
+        ],
         "answer lost: progress is not its own before the predecessor's end": [
             (UNCONFIRMED, PROGRESS, NOT_MINE),
             (UNCONFIRMED, CANCELED, NOT_MINE),

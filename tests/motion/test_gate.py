@@ -201,6 +201,28 @@ async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_
         assert speeds(rig.wire) == [0, 0]
 
 
+async def test_a_zero_that_is_refused_until_the_task_has_ended_is_sent_again_then() -> None:
+    """A real robot ends a task some time after it has accepted the cancel."""
+    ended = False
+
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        return await (answer_all if ended else refuse_zeros)(wire, frame) or await answer_all(
+            wire, frame
+        )
+
+    async with gated(chassis, effect=NEVER) as rig:
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: rig.gate.owner)
+        stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
+        await eventually(lambda: len(types(rig.wire)) == ORDERS + 1)
+        await turns()
+        assert not stop.done()
+        ended = True
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "state": "kCanceled"})
+        assert (await soon(stop)).success
+        assert speeds(rig.wire) == [0, 0, 0]
+
+
 async def test_a_stop_that_the_chassis_refuses_without_a_reason_says_so() -> None:
     async def refuse(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == TWIST:
@@ -334,6 +356,45 @@ async def test_a_second_start_before_a_stop_is_also_cancelled_late() -> None:
         await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
 
 
+@pytest.mark.parametrize("late", ["start", "stop"])
+async def test_a_start_that_a_busy_chassis_executes_late_is_cancelled(late: str) -> None:
+    """What it begins depends on when it executes the requests, not on when they were sent."""
+    busy, held = True, list[Frame]()
+
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        if busy and frame["type"] != "woosh.robot.RobotInfo" and "sn" in frame:
+            held.append(frame)
+            return True
+        return await answer_all(wire, frame)
+
+    async with gated(chassis, hold=0.0, effect=0.5) as rig:
+        starting = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
+        await eventually(lambda: held)
+        await asyncio.sleep(0.6 if late == "start" else 0.0)
+        stopping = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
+        await eventually(lambda: len(held) == 1 + ORDERS)
+        await asyncio.sleep(0.0 if late == "start" else 0.6)
+        busy = False
+        for frame in held:
+            await rig.wire.answer(frame)
+        assert (await soon(starting)).ok
+        assert (await soon(stopping)).success
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: len(types(rig.wire)) == 1 + 2 * ORDERS)
+
+
+async def test_a_late_start_is_cancelled_although_an_earlier_one_has_never_begun() -> None:
+    """Its client may have cancelled the earlier one in time."""
+    async with gated(hold=0.0, effect=1.0) as rig:
+        await ok(rig.gate.request(ExecTask(task_id=6)))
+        await asyncio.sleep(1.1)
+        await ok(rig.gate.request(ExecTask(task_id=7)))
+        await soon(rig.gate.stop(TIMEOUT))
+        sent = len(types(rig.wire))
+        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+        await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
+
+
 async def test_a_late_start_that_is_not_cancelled_is_an_error(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -377,6 +438,25 @@ async def test_a_start_after_a_stop_that_ended_one_before_it_began_is_not_cancel
         await soon(rig.gate.stop(TIMEOUT))
         await ok(rig.gate.request(ExecTask(task_id=7)))
         await begins_uncancelled(rig)
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["before the stop", "again after it"])
+async def test_a_task_of_another_client_that_a_stop_did_not_reach_is_cancelled(again: bool) -> None:
+    """The state of the robot shows that it has accepted a task, before the task begins."""
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        before = rig.client.stats.rx
+        await rig.wire.push("woosh.robot.RobotState", {"state": "kTask"})
+        await eventually(lambda: rig.client.stats.rx > before)
+        await turns()
+        assert (await soon(rig.gate.stop(TIMEOUT))).success
+        if again:
+            for state in ("kIdle", "kTask"):
+                await rig.wire.push("woosh.robot.RobotState", {"state": state})
+            await begins_uncancelled(rig)
+        else:
+            sent = len(types(rig.wire))
+            await rig.wire.push("woosh.robot.TaskProc", RUNNING)
+            await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
 
 
 async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:

@@ -180,6 +180,30 @@ def test_an_earlier_cancel_that_the_chassis_repeats_ends_no_cancelled_goal(
     assert goal.result(timeout=5.0)[0] == CANCELED
 
 
+@pytest.mark.parametrize("begins", [True, False])
+def test_the_cancel_of_a_replaced_action_ends_no_cancelled_goal(robot: Robot, begins: bool) -> None:
+    """It may be reported before the chassis has begun the newer goal."""
+    if not begins:
+        robot.chassis.refuse(FEEDBACKS, "unknown request")  # no poll helps
+    old = until(step(robot, 20.0), ACTION.runs)
+    remove = robot.chassis.intercept(without_reports)
+    robot.chassis.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
+    goal = step(robot, 10.0)
+    assert old.wait_aborted().msg == REPLACED
+    replace_answers(robot.chassis, CALL_ACTION, ok=True)  # it has no effect yet
+    goal.cancel()
+    robot.chassis.wait_received(CALL_ACTION, 3)
+    remove()
+    robot.chassis.push(ACTION.report(-2, "replaced by StepControl"))
+    wait_served(robot)
+    if begins:
+        assert not goal.done
+        robot.chassis.accept(CALL_ACTION)
+        robot.chassis.push(ACTION.report(ACTION.runs, "begins"))
+        robot.chassis.wait_received(CALL_ACTION, 4)
+    assert goal.result(timeout=5.0)[0] == CANCELED
+
+
 def test_cancel_waits_until_the_chassis_has_accepted_the_goal(robot: Robot) -> None:
     """The chassis may still execute another goal, which an early cancel would end."""
     answered = threading.Event()

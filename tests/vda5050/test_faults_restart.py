@@ -320,10 +320,13 @@ def test_a_damaged_file_is_put_aside(tmp_path: Path, content: bytes) -> None:
     assert file.with_suffix(".damaged").read_bytes() == content
 
 
+@pytest.mark.parametrize(
+    "content", [b'{"order": {"leg_length": 1}}', b'{"calls": ["woosh.ros.action.Newer"]}']
+)
 async def test_a_vehicle_reports_a_damaged_file_until_its_next_order(
-    site: Site, tmp_path: Path
+    site: Site, tmp_path: Path, content: bytes
 ) -> None:
-    file, content = tmp_path / FILE, b'{"order": {"leg_length": 1}}'
+    file = tmp_path / FILE
     file.write_bytes(content)
     async with Master(site.broker.port) as master, site.vehicle(state_folder=tmp_path):
         state = await master.error("stateFileError")

@@ -8,7 +8,8 @@
    before the link was lost, is not sent after a reconnect.
 4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, those that
    arrive shortly after the stop, and those that a client sent before it, are not sent. What was
-   started from here just before the stop is cancelled again if it begins just after it.
+   started from here just before the stop is cancelled again if it begins just after it, and so is a
+   task of another client that the chassis had accepted.
 5. A closed gate sends nothing that moves the robot. On closing, it sends a zero velocity if the
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
@@ -30,7 +31,7 @@ import asyncio
 import logging
 import math
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -136,6 +137,10 @@ def _is_ok(answer: Answer | LinkError) -> bool:
     return isinstance(answer, Answer) and answer.ok
 
 
+def _is_refused(answer: Answer | LinkError) -> bool:
+    return isinstance(answer, Answer) and not answer.ok
+
+
 def _reason(answer: Answer | LinkError) -> str:
     return answer.reason if isinstance(answer, Answer) else said_by(answer)
 
@@ -211,6 +216,19 @@ class AnsweredCommand(NamedTuple):
     requested: float
 
 
+@dataclass
+class _Start:
+    """A start of a task or an action that was sent from here.
+
+    Attributes:
+        sent: monotonic time at which it was sent.
+        answered: monotonic time at which its answer came, or its request failed; infinite before.
+    """
+
+    sent: float
+    answered: float = math.inf
+
+
 class MotionGate:
     """The only sender of requests that move the robot. Used in the event loop of the link.
 
@@ -239,15 +257,20 @@ class MotionGate:
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
         """Monotonic time at which the chassis last accepted a task or driving action from here."""
-        self._starts: dict[str, list[float]] = {}
-        """Monotonic times at which tasks, and actions of each kind, were sent from here, the oldest
-        first; without those that have begun since. Named as in `started_by`."""
+        self._starts: dict[str, list[_Start]] = {}
+        """The last starts of tasks, and of actions of each kind, the oldest first; without those
+        that have begun since. Named as in `started_by`."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
         """Loop time until which requests that move the robot are refused."""
         self._stop_called = -math.inf
         """Loop time at which the last stop was announced."""
+        self._awaited_task = 0
+        """Number of the task that the chassis had accepted and not begun at the last stop, in
+        `WheelOwner.acceptances`; 0 without one."""
+        self._stop_answered = -math.inf
+        """Monotonic time at which the chassis had last answered all requests of a stop."""
         self._stalls = StallWatch(lambda: self.timing)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
@@ -299,7 +322,7 @@ class MotionGate:
         """Send a zero velocity and cancel everything that moves the robot, ahead of other requests.
 
         A real robot refuses velocities during a task. A refused zero is sent once more when the
-        cancels have been answered.
+        cancels have been answered, and again when they have taken effect.
 
         Args:
             timeout: time to wait for each answer, in seconds.
@@ -313,7 +336,11 @@ class MotionGate:
                     "a part of the program failed to note a stop, which is sent all the same"
                 )
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
-        return await self._send_stop(timeout)
+        owner = self._reported_owner
+        self._awaited_task = owner.acceptances if owner.awaits_task else 0
+        report = await self._send_stop(timeout)
+        self._stop_answered = time.monotonic()
+        return report
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
@@ -322,21 +349,31 @@ class MotionGate:
         queued = [*reversed(orders.values()), Twist()]
         answers = await asyncio.gather(*(self._send_first(each, timeout) for each in queued))
         zero, *cancels = reversed(answers)
-        if isinstance(zero, Answer) and not zero.ok:
+        if _is_refused(zero):
             zero = await self._send_first(Twist(), timeout)
         answered = dict(zip(orders, cancels, strict=True))
-        refused = [
-            name
-            for name, answer in answered.items()
-            if isinstance(answer, Answer) and not answer.ok
-        ]
-        until = asyncio.get_running_loop().time() + self.timing.effect
-        while running := tuple(filter(self._reported_owner.moves, refused)):
-            # each of them may have ended already, with the report of its end still on its way
-            if asyncio.get_running_loop().time() > until:
-                break
-            await asyncio.sleep(_CHECK_PERIOD)
+        refused = [name for name, answer in answered.items() if _is_refused(answer)]
+        # an earlier cancel may have ended it already, and the report be on its way
+        await self._wait_for_end(refused)
+        # until a cancel takes effect, the chassis may refuse the zero
+        if _is_refused(zero) and await self._wait_for_end(orders):
+            zero = await self._send_first(Twist(), timeout)
+        running = tuple(filter(self._reported_owner.moves, refused))
         return StopReport(zero, answered, running)
+
+    async def _wait_for_end(self, names: Collection[str]) -> bool:
+        """Wait until none of these tasks and actions moves the robot, at most `timing.effect`.
+
+        Returns:
+            True if one of them moved the robot.
+        """
+        clock = asyncio.get_running_loop().time
+        until = clock() + self.timing.effect
+        moved = False
+        while any(map(self._reported_owner.moves, names)) and clock() <= until:
+            moved = True
+            await asyncio.sleep(_CHECK_PERIOD)
+        return moved
 
     async def close(self, timeout: float) -> None:
         """Refuse all further motion, and stop the robot if it may be driving at a velocity.
@@ -448,18 +485,20 @@ class MotionGate:
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + self.timing.driving
-        started, sent = started_by(message), time.monotonic()
+        started, start = started_by(message), _Start(time.monotonic())
         if started:  # now, because the answer may be lost, or come after the report
-            self._starts[started] = [*self._recent_starts(started), sent]
+            self._starts[started] = [*self._recent_starts(started), start]
         try:
             answer = await self._send(message, how)  # rule 3: once
         except (NotConnectedError, SupersededError, TooManyRequestsError):  # nothing was sent
-            self._forget_start(started, sent)
+            self._forget_start(started, start)
             raise
+        finally:
+            start.answered = time.monotonic()
         if answer.ok:
             self._note_accepted(message, velocity_before)
         else:
-            self._forget_start(started, sent)
+            self._forget_start(started, start)
             self._note_refused(message)
         return answer
 
@@ -486,18 +525,18 @@ class MotionGate:
         if message is self._unanswered_at_start and message is self._last_velocity:
             self._drives_until = -math.inf
 
-    def _recent_starts(self, started: str) -> list[float]:
-        """Return the times in `_starts` that may still matter after a stop.
+    def _recent_starts(self, started: str) -> list[_Start]:
+        """Return those of `_starts` that may still matter after a stop.
 
-        A stop may come up to `effect` after a start, and the report of the start up to `effect`
-        after the stop.
+        A stop may come up to `effect` after the answer to a start, and the report of the start up
+        to `effect` after the stop.
         """
         oldest = time.monotonic() - 2 * self.timing.effect
-        return [each for each in self._starts.get(started, ()) if each > oldest]
+        return [each for each in self._starts.get(started, ()) if each.answered > oldest]
 
-    def _forget_start(self, started: str, sent: float) -> None:
-        """Remove the command that was sent at `sent` from `_starts`: it starts nothing."""
-        self._starts[started] = [each for each in self._recent_starts(started) if each != sent]
+    def _forget_start(self, started: str, start: _Start) -> None:
+        """Remove a command from `_starts`: it starts nothing."""
+        self._starts[started] = [each for each in self._recent_starts(started) if each is not start]
 
     def refusal(self, published: float | None) -> str:
         """Return why a command may not move the robot now; empty if it may. Thread-safe.
@@ -547,19 +586,17 @@ class MotionGate:
         self._chassis.withdraw(may_move, reason)
 
     def _start_reported(self, started: str, drives: bool) -> None:
-        """Note that a task or action has begun; cancel it if it was sent just before the last stop.
+        """Note that a task or action has begun; cancel it if a stop came too early to end it.
 
         Args:
             started: "task", or the action by its short name.
             drives: True if it drives the robot, so that no earlier velocity does.
         """
-        stopped, effect = self._stop_called, self.timing.effect
-        sent = self._recent_starts(started) or [-math.inf]
-        self._starts[started] = sent[1:]  # the oldest one has begun
-        oldest, newest = sent[0], sent[-1]
-        # if the newest was sent after the stop, it may be the one that has begun
-        is_from_just_before_stop = stopped - effect < oldest and newest < stopped
-        if is_from_just_before_stop and time.monotonic() < stopped + effect:
+        starts = self._recent_starts(started)
+        self._starts[started] = starts[1:]  # the oldest one has begun
+        # any of them may be what begins, so none may have been sent after the stop
+        is_new = bool(starts) and starts[-1].sent > self._stop_called
+        if not is_new and (any(map(self._is_late, starts)) or self._is_awaited(started)):
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives:
             return
@@ -572,6 +609,26 @@ class MotionGate:
             self._unanswered_at_start = self._last_velocity
         else:  # rule 6
             self._drives_until = -math.inf
+
+    def _is_late(self, start: _Start) -> bool:
+        """Return True if what begins now may have been started before the last stop.
+
+        The times count from the answers, because a busy chassis executes requests late.
+        """
+        effect, now = self.timing.effect, time.monotonic()
+        may_begin_after_stop = self._stop_called < start.answered + effect
+        return may_begin_after_stop and now < effect + max(
+            self._stop_called, self._stop_answered, start.answered
+        )
+
+    def _is_awaited(self, started: str) -> bool:
+        """Return True if it is the task that the chassis had accepted before the last stop."""
+        if started != "task":
+            return False
+        number, self._awaited_task = self._awaited_task, 0
+        stopped = max(self._stop_called, self._stop_answered)
+        is_same = number == self._reported_owner.acceptances > 0
+        return is_same and time.monotonic() < stopped + self.timing.effect
 
     async def _cancel_late_start(self) -> None:
         """Cancel what was started before the last stop, and has begun after it.

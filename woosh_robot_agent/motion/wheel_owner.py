@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from woosh_robot_agent.link import ChassisClient, LinkState
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
     CallAction,
@@ -17,7 +17,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
     kRosExecuting,
     kRosPauseFailed,
 )
-from woosh_robot_agent.pb.util import action_pb2, task_pb2
+from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
 from woosh_robot_agent.sentences import Sentence
 
 TASK = Sentence("task {id}")
@@ -37,6 +37,8 @@ of CallAction whose messages have a field `action`."""
 EXECUTING = (kRosExecuting, kRosErrMsg, kRosPauseFailed)
 """States of an action that goes on; kRosErrMsg reports an error on the way, e.g. an obstacle."""
 
+_WITH_TASK = (robot_pb2.kTask, robot_pb2.kParking)
+"""States of a robot that has accepted a task."""
 _UNFINISHED = (
     task_pb2.kInit,
     task_pb2.kReady,
@@ -70,17 +72,22 @@ class WheelOwner:
 
     Attributes:
         name: name of the task or the actions that may drive the robot now; empty without any.
+        acceptances: how often the robot has been seen to accept a task while it had none.
     """
 
     def __init__(self, chassis: ChassisClient, on_start: Callable[[str, bool], None]) -> None:
         self._on_start = on_start
         self.name: str = ""
+        self.acceptances = 0
+        self._has_task = False
+        """True while the state of the robot is that of one with a task."""
         self._task = TaskProc()
         """The last report on a task."""
         self._actions: set[str] = set()
         """Short names of the actions that are being executed."""
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)
+        chassis.subscribe(RobotState, lambda report: self._state_changed(report.state))
         chassis.subscribe(TaskProc, self._task_changed)
         chassis.subscribe(Feedbacks, self._actions_reported)
 
@@ -88,8 +95,18 @@ class WheelOwner:
         """Return True if something may move the robot: "task", or an action by its short name."""
         return _may_drive(self._task) if what == "task" else what in self._actions
 
+    @property
+    def awaits_task(self) -> bool:
+        """True if the robot has accepted a task, and has not reported that it has begun."""
+        return self._has_task and not is_unfinished(self._task)
+
     def _snapshot(self, info: RobotInfo) -> None:
+        self._state_changed(info.state)
         self._task_changed(info.task_proc)
+
+    def _state_changed(self, state: int) -> None:
+        had_task, self._has_task = self._has_task, state in _WITH_TASK
+        self.acceptances += self._has_task and not had_task
 
     def _task_changed(self, report: TaskProc) -> None:
         """Note the state of the task; call `on_start` if it drives and did not before."""

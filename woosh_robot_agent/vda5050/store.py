@@ -15,6 +15,7 @@ from urllib.parse import quote
 
 from woosh_robot_agent.data_files import structure
 from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.motion.wheel_owner import ACTIONS
 from woosh_robot_agent.sentences import THEN, Sentence, said_by
 from woosh_robot_agent.vda5050.messages.state import ActionState, ErrorType, VehicleError, warning
 from woosh_robot_agent.vda5050.orders.machine import OrderMemory
@@ -23,6 +24,7 @@ _NOT_SAVED = Sentence("the order does not survive a restart of the connector: {e
 _REMOVE = Sentence("remove {path}, which is out of date, before a restart")
 _TOO_LARGE = Sentence("it has more than {most} bytes")
 _OTHER_FORMAT = Sentence("its format is {found}, not {own}")
+_NO_ACTION = Sentence("the robot has no {what}")
 _INVALID_ORDER = Sentence("the parts of its order do not fit together")
 _DAMAGED = Sentence("the last order is unknown, because {path} was damaged ({error})")
 
@@ -255,6 +257,9 @@ class Store:
         record = structure(Record, json.loads(data), "record", known_only=False, own=True)
         if record.format != _FORMAT:
             raise ValueError(_OTHER_FORMAT(found=record.format, own=_FORMAT))
+        for name in record.calls:
+            if name not in ACTIONS:  # e.g. of a newer version of the connector
+                raise ValueError(_NO_ACTION(what=name))
         order = record.order
         # each node still to be reached has one edge that leads to it
         if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:

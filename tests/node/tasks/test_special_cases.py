@@ -130,20 +130,21 @@ def test_a_task_that_is_refused_does_not_disturb_the_running_one(robot: Scripted
     assert_ended(goal, expected)
 
 
+@pytest.mark.parametrize("tells_time", [True, False], ids=["with times", "without a time"])
 @pytest.mark.parametrize("seen", [True, False], ids=["seen", "only in the history"])
 def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(
-    robot: ScriptedRobot, seen: bool
+    robot: ScriptedRobot, seen: bool, tells_time: bool
 ) -> None:
     chassis, task_id = robot.chassis, next(IDS)
+    idle = empty() if tells_time else {**empty(), "time": 0}
     if seen:
         before = reports(task_id, "cancelled")
         goal = robot.start(task_id)
         chassis.push_all(TASK_PROC, [*before, empty()])
         assert_ended(goal, before)
-        chassis.push(TASK_PROC, {**empty(), "time": 0})  # as of a chassis that tells no time
     else:
         chassis.keep(TASK_PROC, report(task_id, (7, NAV, DONE)))  # at that time, nobody listened
-        chassis.push(TASK_PROC, empty())
+    chassis.push(TASK_PROC, idle)
     goal = robot.start(task_id)
     chassis.wait_request(TASK_HISTORY, chassis.count(TASK_HISTORY) + 3)
     assert not goal.done

@@ -110,6 +110,24 @@ def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(
     send(robot, SET).wait_aborted("does not execute the task set any more")
 
 
+def test_a_set_that_has_not_begun_does_not_end_as_before_although_the_time_is_unknown(
+    robot: ScriptedRobot,
+) -> None:
+    chassis = robot.chassis
+    chassis.keep(TASK_PROC, proc(1, COMPLETED))
+    chassis.push(TASK_PROC, {**empty(), "time": 0})
+    asked = chassis.count(EXEC_PRE_TASK)
+    chassis.expect(EXEC_PRE_TASK, chassis.answer)
+    goal = send(robot, SET)
+    chassis.wait_request(EXEC_PRE_TASK, asked + 1)
+    chassis.wait_request(TASK_HISTORY, chassis.count(TASK_HISTORY) + 4)
+    assert not goal.done
+    chassis.push(TASK_PROC, proc(1, EXECUTING, 1719991824))
+    chassis.push(TASK_PROC, proc(1, TASK_CANCELED, 1719991825))
+    chassis.push(TASK_PROC, empty())
+    assert goal.wait_aborted().state.value == TASK_CANCELED
+
+
 def test_a_cancel_is_repeated_until_the_whole_set_has_ended(robot: ScriptedRobot) -> None:
     """A real robot went on with the third task when the second one was cancelled."""
     orders = robot.chassis.count(ACTION_ORDER)

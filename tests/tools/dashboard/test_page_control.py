@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -259,6 +260,22 @@ async def test_a_late_velocity_is_not_sent(chassis: SimulatorThread) -> None:
         await hold(viewer, lambda: is_driving(chassis))
 
 
+async def test_what_was_given_before_a_suspension_of_the_computer_is_not_sent(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It arrives when the computer wakes up, and the monotonic time stood still meanwhile."""
+    real = time.clock_gettime
+    async with controlled(chassis) as viewer:
+        clock = await viewer.until(lambda parts: parts["clock"])
+        monkeypatch.setattr(time, "clock_gettime", lambda which: real(which) + 60.0)
+        ok, text = await viewer.command_at(clock, "charge")
+        assert (ok, TOO_SLOW in text) == (False, True)
+        viewer.press += 1
+        await viewer.drive(0.3, clock=clock)
+        assert await viewer.until(lambda _: viewer.refusals) == [TOO_SLOW]
+        assert not {full_name(ExecTask), TWIST} & set(chassis.counts)
+
+
 async def test_a_place_of_another_map_is_not_sent(chassis: SimulatorThread) -> None:
     point = {"x": 0.0, "y": 0.0, "theta": 0.0}
     async with controlled(chassis) as viewer:
@@ -337,7 +354,6 @@ async def test_a_failed_watchdog_of_the_stick_stops_the_robot_and_is_shown(
 
     monkeypatch.setattr(VelocityDriver, "run", fail)
     async with controlled(chassis) as viewer, viewer.holds(0.3):
-        await eventually(lambda: is_driving(chassis))
         await viewer.until(lambda parts: parts["link"]["state"] == "failed")
         await eventually(lambda: is_stopped_by_zero(chassis))
 
@@ -421,6 +437,21 @@ async def test_a_later_stop_that_is_confirmed_ends_the_alarm_for_all(
         freeze.clear()
         await second.give("stop")
         await first.until(lambda parts: not parts["fleet"][0]["alarm"])
+
+
+async def test_a_stop_that_fails_after_a_later_one_was_confirmed_raises_no_alarm(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stop_alarm, "_STANDSTILL", TIMEOUT)
+    async with controlled_by_two(chassis) as (first, second):
+        chassis.mute(full_name(ActionOrder))
+        failing = asyncio.ensure_future(first.refused("stop"))
+        await eventually(lambda: chassis.counts[full_name(ActionOrder)])
+        chassis.accept(full_name(ActionOrder))
+        await second.give("stop")
+        await failing
+        await second.passed(1.5)
+        assert not second.parts["fleet"][0]["alarm"]
 
 
 async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift(

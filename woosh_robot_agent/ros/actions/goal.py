@@ -270,7 +270,7 @@ class Attribution:
 
     def _attribute_end(self, outcome: Outcome, phase: Phase, cancel_requested: bool) -> bool:
         """Decide on a report that the goal has ended."""
-        inherited = self._inherited
+        inherited, has_predecessor = self._inherited, self._predecessors > 0
         # after this end, no other end of an earlier goal is expected
         if phase.answered or self._predecessors < 2:
             self._inherited = frozenset()
@@ -278,7 +278,8 @@ class Attribution:
         else:  # each earlier goal reports its own end
             self._predecessors -= 1
         if phase.accepted and outcome is Outcome.CANCELED and cancel_requested:
-            return True
+            # before this goal has begun, its cancel may have had no effect
+            return self.has_report or not has_predecessor
         if phase is Phase.RUNNING:
             return outcome not in inherited
         # before the answer, this may be the end of an earlier goal; if it is the end of this goal,

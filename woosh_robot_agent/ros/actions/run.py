@@ -345,6 +345,7 @@ class GoalRun:
             ):
                 if report.outcome is not None:
                     self._attribution.note_earlier_end(report.message)
+                    self._doubt_end(report)
                 continue
             self._last_report = report.message
             # a cancel may have ended only the part before, so this part is cancelled, too
@@ -360,16 +361,18 @@ class GoalRun:
         return None
 
     def _set_aside(self, report: Report) -> bool:
-        """Set a push aside if it may just repeat the end of an earlier goal; return True then.
-
-        If this goal is being cancelled, the push may also be the end of this goal; a poll decides.
-        """
+        """Set a push aside if it may just repeat the end of an earlier goal; return True then."""
         may_be_repeated = self._attribution.repeats_previous(report.message, report.outcome)
-        if may_be_repeated and self._cancellation.requested and self.phase.accepted:
+        if may_be_repeated:
+            self._doubt_end(report)
+        return may_be_repeated
+
+    def _doubt_end(self, report: Report) -> None:
+        """If this goal is being cancelled, let a poll decide whether an end is its own."""
+        if self._cancellation.requested and self.phase.accepted:
             self._poll_once_begun()
             if report.outcome is Outcome.CANCELED:
                 self._possible_cancel = report.message
-        return may_be_repeated
 
     def _note_report(self) -> None:
         """Note a report on this goal, even an old one that the answer to a poll repeats."""

@@ -171,7 +171,7 @@ class TaskSetGoal:
         """
         last = self._last
         if not self.attribution.has_report:
-            candidates = [old for old in ended if old.time > self._since]
+            candidates = [old for old in ended if 0 < self._since < old.time]
         elif last.state in OUTCOMES:
             candidates = [last, *(old for old in ended if old.time > last.time)]
         else:
@@ -307,8 +307,12 @@ class TaskGoal:
         previous_time = 0 if self._previous is None else self._previous.time
         if old == self._previous or old.time < previous_time:
             return False
-        # without a report on this goal, only the time tells; 0 means that it is not known
-        return self.attribution.has_report or not self._since or old.time > self._since
+        if self.attribution.has_report:
+            return True
+        if self._since:  # without a report on this goal, only the time tells
+            return old.time > self._since
+        # a client may have used its id before the agent was connected
+        return self._previous is not None or not self._arg.task_id
 
 
 def _report(message: TaskProc) -> Report:

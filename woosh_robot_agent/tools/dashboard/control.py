@@ -114,7 +114,7 @@ class Control:
     5. The page repeats the newest time that it got from this process. If that time is old, the
        connection is slow in one direction or the other, and neither a velocity nor a command that
        may start a motion is sent. The same holds if that time is before the last stop, because
-       the viewer did not know of the stop.
+       the viewer did not know of the stop, or before the end of a stall of this process.
     6. Each press of the stick has a number. A stop, a refused velocity, a velocity that the robot
        does not answer, another control mode, a robot that sends nothing or a gap between the
        velocities ends the press. Only another press drives again.
@@ -320,6 +320,9 @@ class Control:
         known = clock / 1000.0
         if not 0.0 <= asyncio.get_running_loop().time() - known <= self._config.max_age:
             return TOO_SLOW
+        # the time of the event loop does not count a suspension of this computer
+        if known < self._gate.stall_ended + self._gate.timing.settle:
+            return TOO_SLOW
         if known <= self._stopped_at:
             return _STOPPED_MEANWHILE
         return None
@@ -354,9 +357,9 @@ class Control:
         return Text("reason.running", owner=owner) if owner else None
 
     async def _stop(self, viewer: Viewer) -> Outcome:
-        driving = self.owner, self._press
+        driving, given = (self.owner, self._press), asyncio.get_running_loop().time()
         report = await self._gate.stop(_STOP_TIMEOUT)
-        self.alarm.answered(report)
+        self.alarm.answered(report, given)
         key = "reply.stopped" if report.success else "reply.notStopped"
         text = Text(key, text=report.message)
         if driving == (self.owner, self._press):  # a press that began meanwhile goes on

@@ -36,6 +36,8 @@ class StopAlarm:
         self._on_answered = on_answered
         self._reason = ""
         """Why the stop was not confirmed; empty without an alarm."""
+        self._given = -math.inf
+        """Loop time at which the last answered stop was given."""
         self._maybe_moving_at = -math.inf
         """Loop time of the last check that could not rule out motion; -inf before the first."""
         self._received = 0
@@ -54,10 +56,18 @@ class StopAlarm:
         self._check_standstill()
         return self._reason
 
-    def answered(self, report: StopReport) -> None:
-        """Raise the alarm if a stop was not confirmed, otherwise end it."""
-        self._reason = "" if report.success else report.message
-        self._restart_standstill()
+    def answered(self, report: StopReport, given: float) -> None:
+        """Raise the alarm if a stop was not confirmed, otherwise end it.
+
+        Args:
+            report: the answers to the stop.
+            given: loop time at which it was given. If a later stop is answered already, the alarm
+                does not change.
+        """
+        if given >= self._given:
+            self._given = given
+            self._reason = "" if report.success else report.message
+            self._restart_standstill()
         self._on_answered()
 
     def _restart_standstill(self) -> None:
