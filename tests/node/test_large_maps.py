@@ -1,14 +1,16 @@
-"""Maps of many MiB pass unchanged, and hold up no other request."""
+"""Maps of many MiB pass unchanged, and hold up no other request.
+
+tests/link/test_link_large_frames.py has the other transports and encodings.
+"""
 
 from __future__ import annotations
 
 import random
 from array import array
-from collections.abc import Callable
 
 import pytest
 
-from tests.harness import Client, RunningAgent, wait_future
+from tests.harness import Client, wait_future
 from tests.node.goals import replace_answers
 from woosh_common_msgs.msg import FileData
 from woosh_map_msgs.msg import Download as DownloadMsg
@@ -25,18 +27,7 @@ TIMEOUT = 120.0
 pytestmark = pytest.mark.timeout(300)
 
 
-@pytest.fixture(params=[("websocket", "json"), ("websocket", "protobuf"), ("tcp", "protobuf")])
-def linked_agent(
-    request: pytest.FixtureRequest,
-    simulator: SimulatorThread,
-    connect: Callable[..., RunningAgent],
-) -> RunningAgent:
-    transport, encoding = request.param
-    port = simulator.port if transport == "websocket" else simulator.tcp_port
-    return connect(port=port, transport=transport, encoding=encoding)
-
-
-@pytest.mark.usefixtures("linked_agent")
+@pytest.mark.usefixtures("agent")
 def test_a_large_map_is_downloaded_and_uploaded_unchanged(
     simulator: SimulatorThread, client: Client
 ) -> None:

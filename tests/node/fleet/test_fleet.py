@@ -7,29 +7,25 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
-from rclpy.qos import QoSProfile
 
 from tests.harness import TIMEOUT, Client, Program, wait_until
 from tests.node.fleet.robots import NAMES, ROBOTS, logger_of, running_fleet, write_parameters
 from tests.node.goals import EXECUTING, SUCCEEDED, slow_down, stop_time, task
 from tests.node.test_process import TWIST, drive
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.ros.fleet import Fleet
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing.agents import domain_variables
 from woosh_robot_msgs.msg import PoseSpeed
-from woosh_robot_msgs.srv import RobotInfo, Speak
+from woosh_robot_msgs.srv import Speak
 
 SPEAK = "woosh.robot.Speak"
 
@@ -76,36 +72,6 @@ def test_each_agent_has_its_own_chassis_frames_and_parameters(
 def _agents(client: Client) -> set[str]:
     nodes = client.node.get_node_names_and_namespaces()
     return {f"{space}/{name}" for name, space in nodes if name == "agent"}
-
-
-def test_each_robot_has_its_own_observers(
-    fleet: Program,
-    chassis: dict[str, SimulatorThread],
-    clients: dict[str, Client],
-    domain: int,
-) -> None:
-    one, other = ROBOTS
-    arrays = clients[one].echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
-
-    def wait_message(namespace: str, name: str, text: str) -> None:
-        full = f"{namespace.strip('/')}/agent: {name}"
-        arrays.wait(lambda a: any(s.name == full and text in s.message for s in a.status))
-
-    for name in ROBOTS:
-        wait_message(name, "agents", "OK")
-        wait_message(name, "motion", "nobody")
-    chassis[one].push(TaskProc(robot_task_id=5, state=EXECUTING))
-    wait_message(one, "motion", "another client: task 5")
-    with closing(Client(domain, one, name="impostor")) as impostor:
-        service = impostor.path("robot/RobotInfo")
-        impostor.node.create_service(RobotInfo, service, lambda _, response: response)
-        wait_message(one, "agents", "node /impostor")
-    statuses = [s for a in arrays.messages for s in a.status if other.strip("/") in s.name]
-    found = {s.message for s in statuses if s.name.endswith((": motion", ": agents"))}
-    assert found == {"nobody", "OK"}
-    told = [line for line in fleet.lines if "another agent" in line]
-    assert len(told) == 1
-    assert logger_of(one) in told[0]
 
 
 def test_what_happens_to_one_robot_affects_no_other(
