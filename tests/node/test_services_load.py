@@ -57,20 +57,6 @@ def test_large_values_are_sent_aside_even_the_last_known_one(simulator, agent, c
     assert threads == {"large messages_0"}
 
 
-def test_too_many_queries_are_logged_once(simulator, agent, client, logs):
-    simulator.mute(SPEAK)
-    for number in range(64):
-        speak(client, str(number))
-    simulator.wait_received(SPEAK, 64)
-    for _ in range(3):
-        assert client.call(Mode, "robot/Mode").info.ctrl.value == 1  # the last known value
-        assert client.call(General, "robot/General").info.serial_number == 30001
-    simulator.drop()
-    agent.wait_connected(2)
-    warnings = logs.with_text("requests are in flight", "WARNING")
-    assert len(logs.with_text("requests are in flight")) > len(warnings) == 1
-
-
 def test_text_that_ros_cannot_encode_does_not_lose_the_answer(simulator, agent, client):
     """A JSON string may contain a lone surrogate, which has no UTF-8 encoding."""
     answer_with_json(simulator, SPEAK, msg="a\ud800b")

@@ -27,7 +27,6 @@ from woosh_robot_msgs.msg import Battery as BatteryMsg
 from woosh_robot_msgs.msg import BuildMapData as BuildMapDataMsg
 from woosh_robot_msgs.msg import StatusCode as StatusCodeMsg
 from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
-from woosh_robot_msgs.srv import Battery as BatterySrv
 
 INFO = "woosh.robot.RobotInfo"
 BATTERY = "woosh.robot.Battery"
@@ -180,23 +179,6 @@ def test_pushes_are_ordered_with_robot_info(connect, client, simulator):
     wait_until(lambda: agent.agent.robot.last_known.get(TASK_PROC).robot_task_id == 3)
 
 
-def test_a_task_that_robot_info_lacks_after_a_reconnect_is_gone(robot: Robot) -> None:
-    """It ended while there was no link."""
-    robot.chassis.push(TaskProc(robot_task_id=7, state=3))
-    robot.echo(TaskProcMsg, "robot/TaskProc").wait(lambda each: each.robot_task_id == 7)
-
-    def without_task(frame: Any) -> list[Any]:
-        if isinstance(frame.body, RobotInfo):
-            frame.body.ClearField("task_proc")
-        return [frame]
-
-    robot.chassis.intercept(without_task)
-    robot.chassis.drop()
-    robot.agent.wait_connected(2)
-    late = robot.echo(TaskProcMsg, "robot/TaskProc")
-    wait_until(lambda: [each.robot_task_id for each in late.messages][-2:] == [7, 0], "the end")
-
-
 def test_nothing_is_published_until_the_chassis_is_back(connect, client, push, simulator):
     powers = iter((50, 49))
 
@@ -292,14 +274,3 @@ def test_agent_info_follows_the_link_and_late_subscribers_get_it(
     early.wait_count(4)
     agent.close()
     assert [m.online for m in early.wait_count(5)] == [False, True, False, True, False]
-
-
-def test_a_push_that_cannot_be_decoded_is_skipped(connect, client, push, simulator, logs):
-    connect(holding(RobotInfo()))
-    echo = client.echo(BatteryMsg, "robot/Battery")
-    wait_matched(client, 1)
-    assert client.call(BatterySrv, "robot/Battery").info.power > 1, "this is not published"
-    simulator.send_raw('{"type":"woosh.robot.Battery","body":{"power":[]}}')
-    push(Battery(power=1))
-    assert [m.power for m in echo.wait_count(1)] == [1]
-    assert logs.wait_text("woosh.robot.Battery: power")
