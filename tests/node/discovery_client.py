@@ -27,14 +27,6 @@ def use(domain: int) -> None:
     client.close()
 
 
-def look(domain: int) -> None:
-    """Print the number of services seen, without using them."""
-    client = Client(domain)
-    wait_until(lambda: client.node.count_services(OTHER), "the service")
-    print(client.node.count_services(OTHER))
-    client.close()
-
-
 def look_for_later_node(domain: int) -> None:
     """Print the number of services seen, once a node that started after this one is seen."""
     client = Client(domain)
@@ -56,5 +48,5 @@ def stay(domain: int) -> None:
 
 
 if __name__ == "__main__":
-    roles = {function.__name__: function for function in (use, look, look_for_later_node, stay)}
+    roles = {function.__name__: function for function in (use, look_for_later_node, stay)}
     roles[sys.argv[1]](int(sys.argv[2]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import logging
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from typing import Any
@@ -155,23 +154,6 @@ def further() -> int:
 def rig(domain: int, further: int) -> Iterator[Rig]:
     with closing(Rig(domain, further)) as started:
         yield started
-
-
-@pytest.fixture
-def waits(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
-    """The number of waits that have begun, by the name of the thread."""
-    counts: Counter[str] = Counter()
-    wait = WaitSet.wait
-
-    def counted(wait_set: WaitSet, timeout: int) -> list[Watched]:
-        counts[threading.current_thread().name] += 1
-        return wait(wait_set, timeout)
-
-    monkeypatch.setattr(WaitSet, "wait", counted)
-    return counts
-
-
-MAIN = threading.main_thread().name
 
 
 # The order of a turn
@@ -326,18 +308,6 @@ def test_the_second_thread_ends(rig: Rig) -> None:
     del forgotten
     gc.collect()
     wait_until(ended)
-
-
-# Waking up, and not spinning
-
-
-def test_it_waits_while_nothing_is_ready(rig: Rig, waits: Counter[str]) -> None:
-    rig.use(rig.service("service"), rig.subscription("subscription"), rig.guard("guard").trigger)
-    rig.spin_quietly()
-    waits.clear()
-    for _ in range(3):
-        rig.spin_quietly()
-    assert waits == {MAIN: 3}
 
 
 # Callbacks

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
 import resource
 import signal
@@ -25,7 +24,6 @@ from woosh_robot_agent import agent
 from woosh_robot_agent.parameters import PARAMETERS
 from woosh_robot_agent.ros.logs import init_arguments
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.testing.agents import domain_variables
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 
@@ -43,35 +41,6 @@ LONG = {
 def start_program(start_program: Callable[..., Program]) -> Callable[..., Program]:
     """As in conftest.py, with the parameters in `LONG`."""
     return partial(start_program, **LONG)
-
-
-def test_the_first_turn_of_the_program(domain: int) -> None:
-    """The state of the process once it has started."""
-    program = """
-import ctypes, gc, os, signal
-from woosh_robot_agent import agent
-
-def turn(executor, timeout):
-    print(gc.isenabled(), gc.get_freeze_count() > 10_000)
-    ctypes.CDLL(None).malloc_stats()
-    os.kill(os.getpid(), signal.SIGTERM)
-
-agent._spin_once = turn
-agent.main()
-"""
-    run = subprocess.run(
-        [sys.executable, "-c", program],
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env={**os.environ, **domain_variables(domain)},
-    )
-    # the garbage collector ignores objects of the start; Fast DDS may print to stdout as well
-    assert "True True" in run.stdout.splitlines()
-    assert "Warning" not in run.stdout, "the executor of rclpy prints its warnings to stdout"
-    # all threads share one heap: glibc returns the unused memory of the first heap only
-    assert set(re.findall(r"^Arena \d+:", run.stderr, re.MULTILINE)) == {"Arena 0:"}
 
 
 def test_error_in_a_callback_is_logged_and_does_not_end_the_program(
