@@ -6,9 +6,11 @@ from contextlib import closing
 from typing import Any
 
 import pytest
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from tests.fact_files import facts
-from tests.harness import Client, wait_until
+from tests.harness import HUMBLE, Client, wait_until
+from tests.tooling.interface_facts import HASHES
 from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, QUERIES, TOPICS
 
 FACTS = facts("endpoints.yaml")
@@ -41,7 +43,7 @@ def test_table_matches_the_facts():
 
 
 @pytest.mark.parametrize("namespace", ["", "/site/robot_7"])
-def test_all_endpoints_exist_without_a_chassis(namespace, start_agent, domain):
+def test_all_endpoints_exist_with_their_types_and_qos(namespace, start_agent, domain):
     start_agent(ip="127.0.0.1", port=1, namespace=namespace)
     with closing(Client(domain, namespace)) as watcher:
         check_graph(watcher.node, namespace)
@@ -63,6 +65,12 @@ def check_graph(node: Any, namespace: str) -> None:
     wait_until(lambda: offered(node.get_service_names_and_types_by_node) == services, "services")
     topics = {e.name: e.msg.replace("/", "/msg/") for e in (*TOPICS, AGENT_INFO)}
     wait_until(lambda: offered(node.get_publisher_names_and_types_by_node) == topics, "topics")
+    for topic in TOPICS:
+        (info,) = node.get_publishers_info_by_topic(f"{namespace}/{topic.name}")
+        assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+        assert info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        if not HUMBLE and (not topic.extra or topics[topic.name] in HASHES):
+            assert str(info.topic_type_hash) == HASHES[topics[topic.name]]
     for action in ACTIONS:
         feedback = f"{namespace}/{action.name}/_action/feedback"
         wait_until(lambda feedback=feedback: node.count_publishers(feedback) == 1, feedback)

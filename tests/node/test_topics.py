@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import random
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 from google.protobuf.message import Message
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from tests.convert.random_messages import random_proto
-from tests.harness import HUMBLE, Client, Collector, Robot, RunningAgent, wait_until
+from tests.harness import Client, Collector, Robot, RunningAgent, wait_until
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS
@@ -32,7 +29,6 @@ INFO = "woosh.robot.RobotInfo"
 BATTERY = "woosh.robot.Battery"
 POSE_SPEED = "woosh.robot.PoseSpeed"
 TASK_PROC = "woosh.robot.TaskProc"
-HASHES = json.loads((Path(__file__).parents[1] / "facts/ros/type_hashes.json").read_text())
 QUIET = ("StatusCode", "NavPath", *(t.name.partition("/")[2] for t in TOPICS if t.extra))
 """Topics whose values are not part of RobotInfo and only come as pushes."""
 
@@ -99,19 +95,6 @@ def wait_matched(client: Any, topics: int = len(TOPICS)) -> None:
     wait_until(
         lambda: sum(map(client.node.count_publishers, names)) >= topics, "the agent's publishers"
     )
-
-
-def test_graph_shows_qos_type_and_hash(start_agent, client):
-    start_agent(ip="127.0.0.1", port=1)
-    for topic in TOPICS:
-        path = client.path(topic.name)
-        (info,) = wait_until(lambda path=path: client.node.get_publishers_info_by_topic(path))
-        assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
-        assert info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        name = topic.msg.replace("/", "/msg/")
-        assert info.topic_type == name
-        if not HUMBLE and (not topic.extra or name in HASHES):
-            assert str(info.topic_type_hash) == HASHES[name]
 
 
 def test_late_subscribers_get_the_newest_messages(connect, client, push, simulator):
@@ -274,3 +257,30 @@ def test_agent_info_follows_the_link_and_late_subscribers_get_it(
     early.wait_count(4)
     agent.close()
     assert [m.online for m in early.wait_count(5)] == [False, True, False, True, False]
+
+
+# Bursts of status codes
+
+FIRST = 110301000042
+COUNT = 308
+"""Number of codes in the greatest burst that a real robot has sent within a second."""
+
+
+def test_every_code_of_a_burst_arrives_in_order(robot: Robot) -> None:
+    """At each subscriber that keeps up."""
+    sent: list[tuple[int, int]] = []
+
+    def record(frame: Any) -> list[Any]:
+        if isinstance(frame.body, StatusCode) and not frame.is_answer:
+            sent.append((frame.body.code, frame.body.time))
+        return [frame]
+
+    robot.chassis.intercept(record)
+    codes = robot.echo(StatusCodeMsg, "robot/StatusCode", depth=1000)
+    robot.chassis.push(StatusCode(code=FIRST))  # the publisher keeps it for late subscribers
+    codes.wait(lambda each: each.code == FIRST)  # now it has discovered this one
+    for burst in range(1, 3):
+        robot.chassis.inject("code_burst", count=COUNT, rate=0)
+        codes.wait_count(1 + burst * COUNT)
+    assert [(each.code, each.time) for each in codes.messages] == sent
+    assert len({code for code, _ in sent}) < 10  # the same ones again and again
