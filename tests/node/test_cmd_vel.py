@@ -193,4 +193,5 @@ class TestStop:
         logs.wait_text("cmd_vel_max_age")
         sender.send_stamped(0.3, age=0.0)
         logs.wait_text("the robot was stopped")
-        assert twists()[1:] == [(0.0, 0.0, 0.0)]
+        # two zeros on a slow machine: the velocity had timed out before the stop
+        assert set(twists()[1:]) == {(0.0, 0.0, 0.0)}
