@@ -110,12 +110,12 @@ class TestRoundTrip:
 def test_messages_pass_the_field_checks_of_ros():
     """ROS checks each assignment to a field if ROS_PYTHON_CHECK_FIELDS is set at start-up."""
     env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "1"}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "RoundTrip"]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "json_to_ros"]
     done = subprocess.run(
         [*command, __file__], env=env, capture_output=True, text=True, timeout=500
     )
     assert done.returncode == 0, done.stdout
-    assert f"{3 * len(PAIRS)} passed" in done.stdout
+    assert f"{len(PAIRS)} passed" in done.stdout
 
 
 @pytest.mark.parametrize("name", PAIRS)
