@@ -41,7 +41,7 @@ NO_TIMEOUT = """<?xml version="1.0" encoding="UTF-8"?>
 """Profile of Fast DDS: others believe for an hour that a process exists that has vanished."""
 
 
-def test_each_agent_has_its_own_chassis_frames_and_parameters(
+def test_each_agent_has_its_own_chassis_frames_and_parameters_and_ends_with_the_others(
     fleet: Program,
     chassis: dict[str, SimulatorThread],
     clients: dict[str, Client],
@@ -67,6 +67,18 @@ def test_each_agent_has_its_own_chassis_frames_and_parameters(
         lines = [line for line in fleet.lines if f":{simulator.port}" in line]
         assert len(lines) == 1, lines
         assert logger_of(name) in lines[0]
+    # a signal ends both
+    at_work, driven = ROBOTS
+    slow_down(chassis[at_work])
+    goal = task(clients[at_work], mark="A23")
+    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    stop_time(chassis[at_work])
+    drive(clients[driven])
+    fleet.end()
+    assert not chassis[driven].last(TWIST).ListFields(), "it is stopped"
+    assert chassis[at_work].counts[TWIST] == 2, "it stood"
+    goal.wait_aborted("stopping")
+    wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
 
 
 def _agents(client: Client) -> set[str]:
@@ -190,22 +202,6 @@ def test_a_signal_during_the_start_ends_it(
     fleet.close(lambda: None)
     rclpy.shutdown(context=context)
     assert not chassis[ROBOTS[1]].received
-
-
-def test_a_signal_ends_all_agents(
-    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
-) -> None:
-    at_work, driven = ROBOTS
-    slow_down(chassis[at_work])
-    goal = task(clients[at_work], mark="A23")
-    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    stop_time(chassis[at_work])
-    drive(clients[driven])
-    fleet.end()
-    assert not chassis[driven].last(TWIST).ListFields(), "it is stopped"
-    assert not chassis[at_work].counts[TWIST]
-    goal.wait_aborted("stopping")
-    wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
 
 
 def test_with_a_frozen_chassis_the_other_is_stopped_and_all_endpoints_are_withdrawn(
