@@ -35,7 +35,7 @@ def check(message: Any) -> None:
 def test_each_type_of_the_robot_is_serialized_as_by_rclpy(name: str) -> None:
     cls, _ = PAIRS[name]
     rng = random.Random(name)
-    for message in [cls(), *(random_ros(rng, cls) for _ in range(15))]:
+    for message in [cls(), *(random_ros(rng, cls) for _ in range(5))]:
         check(message)
 
 
@@ -68,9 +68,7 @@ def test_a_type_that_the_robot_does_not_use_is_refused() -> None:
         serialize(DiagnosticStatus())
 
 
-@pytest.mark.parametrize(
-    ("frame", "count"), [("map", 0), ("robot1/map", 1), ("", 2), ("robot1/map", 5)]
-)
+@pytest.mark.parametrize(("frame", "count"), [("map", 0), ("robot1/map", 1), ("", 2)])
 def test_a_plan_is_a_path_with_a_header_for_each_pose(frame: str, count: int) -> None:
     class Context:
         def now(self) -> Time:

@@ -21,13 +21,11 @@ from woosh_map_msgs.msg import SceneDataEasy
 from woosh_nav_msgs.msg import Path, PlanPath
 from woosh_robot_agent.convert import BadFieldError, converter
 from woosh_robot_agent.convert.converter import Converter
-from woosh_robot_agent.convert.to_proto import filler
-from woosh_robot_agent.convert.to_ros import maker
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec, from_json, to_json
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.frames import FieldError
 from woosh_robot_agent.link.protos import full_name, message_type
-from woosh_robot_msgs.msg import ChangeNavPath, ExecTask, PoseSpeed, ScannerData, Speak
+from woosh_robot_msgs.msg import ChangeNavPath, PoseSpeed, ScannerData, Speak
 from woosh_robot_msgs.msg import PlanPath as PlanPaths
 from woosh_ros_msgs.msg import CallAction, MoveBase
 
@@ -38,7 +36,7 @@ CODECS = {
     "json of a chassis": JsonCodec(defaults=True),
     "binary": ProtobufCodec(),
 }
-ROUNDS = int(os.environ.get("CONVERSION_EXAMPLES", "8"))
+ROUNDS = int(os.environ.get("CONVERSION_EXAMPLES", "4"))
 ODD = [
     *(None, True, False, 0, 1, -1, 1.0, 0.5, -0.0, 2**31, 2**63, 2**64, 10**40, 10**400, 1e39),
     *(math.nan, math.inf, "NaN", "-Infinity", "12", "-3", "1e3", "1.5", "true", "false", ""),
@@ -112,12 +110,12 @@ class TestRoundTrip:
 def test_messages_pass_the_field_checks_of_ros():
     """ROS checks each assignment to a field if ROS_PYTHON_CHECK_FIELDS is set at start-up."""
     env = os.environ | {"ROS_PYTHON_CHECK_FIELDS": "1", "CONVERSION_EXAMPLES": "1"}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "RoundTrip"]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "json_to_ros"]
     done = subprocess.run(
         [*command, __file__], env=env, capture_output=True, text=True, timeout=500
     )
     assert done.returncode == 0, done.stdout
-    assert f"{3 * len(PAIRS)} passed" in done.stdout
+    assert f"{len(PAIRS)} passed" in done.stdout
 
 
 @pytest.mark.parametrize("name", PAIRS)
@@ -171,13 +169,6 @@ def test_ranges_without_a_reflection_become_nan():
     assert str(list(ranges)) == "[1.0, nan, 2.5, nan, inf]"
 
 
-@pytest.mark.parametrize("data", [None, [], "x", 3, {"pose": {"x": []}}, {"pose": [1]}])
-def test_bad_values_are_refused_as_by_the_link(data: Any):
-    at_once, by_protobuf = both_ways(converter(*PAIRS["woosh.robot.PoseSpeed"]), data)
-    assert at_once[0] == "refused"
-    assert at_once == by_protobuf
-
-
 def test_messages_share_nothing():
     """A node may modify a message that it has received."""
     convert = converter(*PAIRS["woosh.robot.RobotInfo"])
@@ -204,14 +195,6 @@ def test_a_class_with_other_slots_is_created_by_its_constructor():
 def test_a_class_that_does_not_mirror_the_message_is_refused():
     with pytest.raises(TypeError, match="lacks the oneof"):
         Converter(SceneDataEasy, message_type("woosh.robot.PoseSpeed"))
-
-
-def test_converters_are_compiled_on_first_use():
-    before = maker.cache_info(), filler.cache_info()
-    made = Converter(*PAIRS["woosh.robot.PoseSpeed"])
-    assert (maker.cache_info(), filler.cache_info()) == before
-    made.to_proto(made.from_json({}))
-    assert (maker.cache_info(), filler.cache_info()) != before
 
 
 def test_fields_of_a_newer_chassis_are_ignored():
@@ -253,8 +236,3 @@ def test_absent_fields_are_not_checked():
 
 def convert_of(ros: Any) -> Any:
     return next(converter(*pair) for pair in PAIRS.values() if pair[0] is type(ros))
-
-
-def test_bytes_of_any_value_are_sent():
-    ros = ExecTask(custom=bytes(range(256)))
-    assert convert_of(ros).to_proto(ros).custom == bytes(range(256))

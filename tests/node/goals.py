@@ -19,7 +19,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
-from woosh_robot_msgs.action import ExecTask
+from woosh_robot_msgs.action import ExecPreTask, ExecTask
 from woosh_robot_msgs.msg import ExecTask as ExecTaskMsg
 from woosh_ros_msgs.action import LiftControl, LiftControl3, MoveBase, StepControl
 from woosh_ros_msgs.msg import StepControlStep
@@ -47,6 +47,12 @@ def task(client: Client, mark: str = "A2", task_id: int = 0) -> GoalClient:
     """Start a task that drives to a mark."""
     goal = fill(ExecTask.Goal(), arg={"mark_no": mark, "type": 1, "task_id": task_id})
     return client.send_goal(ExecTask, "robot/ExecTask", goal)
+
+
+def task_set(client: Client, number: int) -> GoalClient:
+    """Start a set of tasks."""
+    goal = fill(ExecPreTask.Goal(), arg={"task_set_id": number})
+    return client.send_goal(ExecPreTask, "robot/ExecPreTask", goal)
 
 
 def in_front(ahead: float) -> dict[str, float]:

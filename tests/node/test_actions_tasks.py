@@ -1,27 +1,36 @@
-"""robot/ExecTask, with a chassis that behaves well and with one that does not."""
+"""robot/ExecTask and robot/ExecPreTask, and what holds for all goals."""
 
 from __future__ import annotations
 
 import time
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from tests.harness import Robot, wait_until
+from tests.harness import GoalClient, Robot, wait_until
 from tests.node.goals import (
-    ABORTED,
+    ACTION_ORDER,
     CANCELED,
+    COMPLETED,
     EXEC_TASK,
     EXECUTING,
     SUCCEEDED,
+    TASK,
     TASK_PROC,
+    Kind,
+    each_kind,
     hurry,
     pause_task,
     short_task,
     slow_down,
+    step,
+    step_goal,
     task,
+    task_set,
+    until,
 )
 from woosh_robot_agent.ros.actions.run import REPLACED
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
+from woosh_ros_msgs.action import StepControl
 
 
 @pytest.fixture
@@ -51,18 +60,6 @@ def test_newer_task_with_the_same_id_replaces_the_older_one(robot: Robot) -> Non
     assert (status, ret.dest) == (SUCCEEDED, "U5")
 
 
-def test_last_of_two_simultaneous_tasks_wins(robot: Robot) -> None:
-    slow_down(robot.chassis)
-    with ThreadPoolExecutor() as pool:
-        goals = list(pool.map(lambda number: task(robot, task_id=number), (1, 2)))
-    robot.chassis.wait_received(EXEC_TASK, 2)
-    hurry(robot.chassis)
-    ends = {goal.result()[0]: goal.result()[1] for goal in goals}
-    sent = [each.message.task_id for each in robot.chassis.received if each.type == EXEC_TASK]
-    assert (ends[ABORTED].robot_task_id, ends[SUCCEEDED].robot_task_id) == tuple(sent)
-    assert ends[ABORTED].msg == REPLACED
-
-
 def test_paused_task_is_polled_at_the_poll_period(robot: Robot) -> None:
     robot.set_goal_timing(poll_period=0.2)
     slow_down(robot.chassis)
@@ -77,3 +74,81 @@ def test_paused_task_is_polled_at_the_poll_period(robot: Robot) -> None:
     assert len(paused) == 1, "a repeated report is no feedback"
     goal.cancel()
     assert goal.result()[0] == CANCELED
+
+
+# Tasks and actions alike
+
+
+def short(robot: Robot, kind: Kind) -> GoalClient:
+    return task(robot, mark="U5") if kind is TASK else step(robot, 0.4)
+
+
+@each_kind
+def test_newer_goal_replaces_an_older_one(robot: Robot, kind: Kind) -> None:
+    slow_down(robot.chassis)
+    old = kind.running(robot)
+    new = short(robot, kind)
+    assert old.wait_aborted().msg == REPLACED
+    hurry(robot.chassis)
+    assert new.result()[0] == SUCCEEDED
+    assert -2 not in [fb.state.value for fb in new.feedback.messages]
+    assert robot.chassis.counts["woosh.robot.ActionOrder"] == 0
+
+
+@each_kind
+def test_refused_newer_goal_does_not_replace_the_older_one(robot: Robot, kind: Kind) -> None:
+    slow_down(robot.chassis)
+    old = until(task(robot) if kind is TASK else step(robot, 5.0), kind.runs)
+    if kind is TASK:
+        refused, reason = task(robot, mark="nowhere"), "nowhere"
+    else:
+        goal = step_goal(1.0)
+        goal.arg.steps[0].mode.value = 9
+        refused, reason = robot.send_goal(StepControl, "ros/StepControl", goal), "mode"
+    refused.wait_aborted(reason)
+    hurry(robot.chassis)
+    assert old.result()[0] == SUCCEEDED
+
+
+@each_kind
+def test_lost_end_is_found_by_polling(robot: Robot, kind: Kind) -> None:
+    """Also that of a second goal, which ends with exactly the same report."""
+
+    def without_the_end(out: Outgoing) -> list[Outgoing]:
+        if out.type != kind.polls or out.sn:
+            return [out]
+        state = out.body.state if kind is TASK else out.body.fbs[0].state  # type: ignore[union-attr]
+        return [] if state == kind.done else [out]
+
+    robot.set_goal_timing(poll_period=0.3)
+    robot.chassis.intercept(without_the_end)
+    for _ in range(2):
+        assert short(robot, kind).result()[0] == SUCCEEDED
+
+
+# Sets of tasks; tasks/test_task_sets.py has the rules
+
+
+@pytest.mark.parametrize(
+    ("number", "tasks"), [(666, [66601, 66602]), (1735291765, [173529176501] * 2)]
+)
+def test_a_set_runs_to_its_end(robot: Robot, number: int, tasks: list[int]) -> None:
+    """The second set is one task, twice."""
+    goal = task_set(robot, number)
+    status, ret = goal.result()
+    assert (status, ret.robot_task_id, ret.state.value) == (SUCCEEDED, tasks[-1], COMPLETED)
+    ended = [fb for fb in goal.feedback.messages if fb.state.value == COMPLETED]
+    assert [fb.robot_task_id for fb in ended] == tasks
+
+
+@pytest.mark.parametrize("newer", ["a task", "a set"])
+def test_a_newer_goal_replaces_an_older_one_of_the_other_kind(robot: Robot, newer: str) -> None:
+    slow_down(robot.chassis)
+    older = task_set(robot, 666) if newer == "a task" else task(robot, "A2")
+    older.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+    goal = task(robot, "A2") if newer == "a task" else task_set(robot, 666)
+    assert older.wait_aborted().msg == REPLACED
+    hurry(robot.chassis)
+    assert goal.result()[0] == SUCCEEDED
+    assert not robot.chassis.counts[ACTION_ORDER], "a cancel would hit the newer goal"
+    wait_until(lambda: not robot.agent.agent.debug()["running_goals"], "the end of all goals")

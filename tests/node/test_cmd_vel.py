@@ -16,12 +16,7 @@ from tests.harness import TIMEOUT, Client, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.goals import CANCELED, step
 from woosh_robot_agent.parameters import StandardSettings
-from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
-from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc as PbTaskProc
-from woosh_robot_agent.pb.util import task_pb2 as util_task
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
-from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import Speak
 
 TWIST = "woosh.robot.Twist"
@@ -77,12 +72,6 @@ def all_sent(agent: Any, client: Client) -> Callable[[], None]:
         assert client.call(Speak, "robot/Speak").ok
 
     return wait
-
-
-def start_task(sim: Any) -> None:
-    """Start a task as another client of the chassis."""
-    task = pack.ExecTask(task_id=7, type=util_task.kPick, mark_no="A23")
-    assert dispatch(sim.chassis, task).ok
 
 
 def test_one_zero_after_the_last_velocity_and_then_silence(sender, twists, arrivals, all_sent):
@@ -156,20 +145,6 @@ class TestRefused:
         Sender(client, TwistStamped).send_stamped(0.4, age=0.0)
         logs.wait_text("cmd_vel is ignored: use_sim_time is true, but no time has come on /clock")
 
-    def test_velocities_are_refused_while_another_clients_task_runs(
-        self, simulator, agent, sender, client, logs
-    ):
-        """The other client talks to the chassis directly."""
-        plans = client.echo(TaskProc, "robot/TaskProc")
-        simulator.push(PbTaskProc(robot_task_id=7, state=util_task.kExecuting))
-        plans.wait(lambda m: m.robot_task_id == 7)
-        sender.send(x=0.3)
-        logs.wait_text("task 7 is running")
-        simulator.push(PbTaskProc(robot_task_id=7, state=util_task.kCompleted))
-        plans.wait(lambda m: m.state.value == util_task.kCompleted)
-        sender.send(x=0.1)
-        simulator.wait_received(TWIST)
-
     def test_velocities_are_refused_while_a_goal_runs(
         self, simulator, agent, sender, client, twists, logs
     ):
@@ -182,15 +157,6 @@ class TestRefused:
         sender.send(x=0.1)
         simulator.wait_received(TWIST)
         assert twists()[0] == pytest.approx((0.1, 0.0, 0.0))
-
-    def test_cmd_vel_override_permits_velocities_while_a_goal_runs(
-        self, simulator, connect, client
-    ):
-        connect(cmd_vel_override=True)
-        step(client, 20.0)
-        simulator.wait_received("woosh.ros.CallAction")
-        Sender(client).send(x=0.3)
-        simulator.wait_received(TWIST)
 
 
 class TestLinkLoss:
@@ -208,20 +174,6 @@ class TestLinkLoss:
         all_sent()
         assert twists() == [pytest.approx((0.3, 0.0, 0.0)), (0.0, 0.0, 0.0)]
 
-    def test_no_zero_is_sent_if_another_client_drives_by_then(
-        self, simulator, agent, sender, twists, all_sent
-    ):
-        sender.send(x=0.3)
-        simulator.wait_received(TWIST)
-        simulator.stop_listening()
-        wait_until(lambda: agent.agent.debug()["state"] != "ready", "the loss")
-        simulator.call(start_task)
-        simulator.listen()
-        agent.wait_connected(2)
-        all_sent()
-        assert twists() == [pytest.approx((0.3, 0.0, 0.0))]
-        assert simulator.state.info.task_proc.state == util_task.kExecuting
-
 
 class TestStop:
     def test_velocities_with_stale_stamps_are_no_pause(
@@ -234,10 +186,12 @@ class TestStop:
         sender.send_stamped(0.3, age=0.0)
         simulator.wait_received(TWIST)
         assert client.call(Trigger, "stop").success
-        time.sleep(1.8)
-        sender.send_stamped(0.3, age=60.0)  # after a jump of the clock, for example
+        longer_than_a_pause = time.monotonic() + 3.5
+        while time.monotonic() < longer_than_a_pause:
+            sender.send_stamped(0.3, age=60.0)  # after a jump of the clock, for example
+            time.sleep(0.3)
         logs.wait_text("cmd_vel_max_age")
-        time.sleep(1.8)
         sender.send_stamped(0.3, age=0.0)
         logs.wait_text("the robot was stopped")
-        assert twists()[1:] == [(0.0, 0.0, 0.0)]
+        # two zeros on a slow machine: the velocity had timed out before the stop
+        assert set(twists()[1:]) == {(0.0, 0.0, 0.0)}

@@ -1,4 +1,4 @@
-"""The table of endpoints matches the facts; the agent offers each one, and each has a test."""
+"""The table of endpoints matches the facts, and the agent offers each one."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from contextlib import closing
 from typing import Any
 
 import pytest
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from tests.fact_files import facts
-from tests.harness import Client, wait_until
-from tests.node.test_further_actions import FURTHER_ACTIONS
-from tests.node.test_task_sets import TASK_SETS
-from tests.ros2_commands import documented
+from tests.harness import HUMBLE, Client, wait_until
+from tests.tooling.interface_facts import HASHES
 from woosh_robot_agent.endpoints import ACTIONS, AGENT_INFO, COMMANDS, QUERIES, TOPICS
 
 FACTS = facts("endpoints.yaml")
@@ -43,8 +42,8 @@ def test_table_matches_the_facts():
         assert fact == (f"woosh.ros.CallAction{{{e.member}}}" if e.member else e.arg)
 
 
-@pytest.mark.parametrize("namespace", ["/woosh_robot", "", "/site/robot_7"])
-def test_all_endpoints_exist_without_a_chassis(namespace, start_agent, domain):
+@pytest.mark.parametrize("namespace", ["", "/site/robot_7"])
+def test_all_endpoints_exist_with_their_types_and_qos(namespace, start_agent, domain):
     start_agent(ip="127.0.0.1", port=1, namespace=namespace)
     with closing(Client(domain, namespace)) as watcher:
         check_graph(watcher.node, namespace)
@@ -66,20 +65,12 @@ def check_graph(node: Any, namespace: str) -> None:
     wait_until(lambda: offered(node.get_service_names_and_types_by_node) == services, "services")
     topics = {e.name: e.msg.replace("/", "/msg/") for e in (*TOPICS, AGENT_INFO)}
     wait_until(lambda: offered(node.get_publisher_names_and_types_by_node) == topics, "topics")
+    for topic in TOPICS:
+        (info,) = node.get_publishers_info_by_topic(f"{namespace}/{topic.name}")
+        assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+        assert info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        if not HUMBLE and (not topic.extra or topics[topic.name] in HASHES):
+            assert str(info.topic_type_hash) == HASHES[topics[topic.name]]
     for action in ACTIONS:
         feedback = f"{namespace}/{action.name}/_action/feedback"
         wait_until(lambda feedback=feedback: node.count_publishers(feedback) == 1, feedback)
-
-
-def test_every_topic_and_action_has_a_test():
-    """`test_documented_commands` tests those in the vendor's manual.
-
-    `test_topics` tests all topics, `test_further_actions` and `test_task_sets` the other actions.
-    Of the services, `test_services_queries` and `test_services_commands` test all in the table.
-    """
-    shown = {(each.verb, each.name) for each in documented() if each.verb != "service call"}
-    shown |= {("topic echo", each.name) for each in TOPICS if each.extra}
-    shown |= {("action send_goal", name) for name in (*FURTHER_ACTIONS, TASK_SETS)}
-    table = {("topic echo", e.name) for e in TOPICS}
-    table |= {("action send_goal", e.name) for e in ACTIONS}
-    assert shown == table

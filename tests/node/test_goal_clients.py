@@ -1,14 +1,13 @@
-"""Goals and their clients, which may be late or vanish; an agent that stops and starts again."""
+"""Goals and their clients, which may be late or vanish; an agent that stops."""
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable
 
 import pytest
 
 from tests.harness import TIMEOUT, Client, Logs, RunningAgent, wait_future, wait_until
-from tests.node.goals import CALL_ACTION, SUCCEEDED, hurry, lift3, slow_down, step
+from tests.node.goals import CALL_ACTION, SUCCEEDED, step
 from woosh_robot_agent.ros.actions import server
 from woosh_robot_agent.ros.actions.run import STOPPING
 from woosh_robot_agent.simulator import SimulatorThread
@@ -67,33 +66,3 @@ def test_goal_during_shutdown_is_aborted(
     agent.agent.robot.thread.run(agent.agent.actions.stop(), TIMEOUT)
     assert step(client, 0.2).wait_aborted().msg == STOPPING
     assert simulator.counts[CALL_ACTION] == 0
-
-
-def test_agent_can_be_restarted_with_open_goals(
-    agent: RunningAgent,
-    client: Client,
-    simulator: SimulatorThread,
-    start_agent: Callable[..., RunningAgent],
-) -> None:
-    slow_down(simulator)
-    goals = [step(client, 100.0), lift3(client, 0.4, speed=0.001)]
-    for goal in goals:
-        goal.feedback.wait_count(1)
-    agent.close()
-    for goal in goals:
-        goal.wait_aborted("stopping")
-    wait_until(lambda: simulator.connections == 0)
-    start_agent(ip="127.0.0.1", port=simulator.port)
-
-    def status_of_the_old_goal() -> int | None:
-        """Response of the new agent, or None if it has not been discovered yet."""
-        asked = goals[0].ask_result()
-        with contextlib.suppress(AssertionError):
-            return int(wait_future(asked, 0.5).status)
-        return None
-
-    wait_until(lambda: status_of_the_old_goal() == 0)
-    wait_until(lambda: client.call(Mode, "robot/Mode").info.ctrl.value)
-    hurry(simulator)
-    status, ret = step(client, 0.2).result()
-    assert status == SUCCEEDED, ret

@@ -67,13 +67,6 @@ def test_goal_never_reported_on_is_given_up(robot: Robot) -> None:
     assert robot.chassis.counts[FEEDBACKS] >= 3
 
 
-@each_kind
-def test_goal_never_reported_on_is_given_up_if_polls_are_refused(robot: Robot, kind: Kind) -> None:
-    robot.chassis.intercept(without_reports)
-    robot.chassis.refuse(kind.polls, "unknown type")
-    kind.start(robot).wait_aborted("no report on it")
-
-
 # The chassis does not answer polls
 
 

@@ -14,17 +14,15 @@ from tf2_msgs.msg import TFMessage
 
 from tests.harness import Client, Collector, RunningAgent, wait_until
 from tests.node.test_odom import chain
-from tests.node.test_states import WARN, diagnostics, of, png, values
-from tests.node.test_topics import subscribed
+from tests.node.test_states import diagnostics, png
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
-from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, PoseSpeed, RobotState, Scene
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotState, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D, Twist
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 
 SCENE_DATA = "woosh.map.SceneData"
-BUILD_MAP_DATA = "woosh.robot.BuildMapData"
 FREE, UNKNOWN, OCCUPIED = 0, -1, 100
 SCENE_WIDTH = 7
 """Width of the scene's map in these tests, in cells. Maps that are being made have other widths."""
@@ -78,11 +76,6 @@ class Mapping:
             return [each for each in grids.messages if each.info.width == columns]
 
         return wait_until(shown, f"a map of width {columns}")[0]
-
-    @property
-    def is_watched(self) -> bool:
-        """True if a client is subscribed to the reports."""
-        return BUILD_MAP_DATA in subscribed(self._simulator)
 
 
 @pytest.fixture
@@ -208,21 +201,6 @@ def test_after_a_lost_link_the_map_grows_on_or_the_scenes_map_is_shown(
 
 
 class TestOnDemand:
-    def test_reports_are_received_only_while_there_are_subscribers(self, mapping, agent, domain):
-        mapping.enter(robot.kMapping)
-        assert not mapping.is_watched
-        with visit(domain) as visitor:
-            mapping.grow(visitor.echo(OccupancyGrid, "map"), 1)
-            assert mapping.is_watched
-
-        def left() -> bool:
-            mapping.report(2)
-            return not mapping.is_watched
-
-        wait_until(left, "the end of the subscription")
-        with visit(domain) as visitor:
-            mapping.grow(visitor.echo(OccupancyGrid, "map"), 3)
-
     def test_a_late_subscriber_does_not_get_a_map_that_has_ended(
         self, mapping, agent, domain, simulator
     ):
@@ -280,20 +258,3 @@ def test_tf_has_the_reported_pose_although_the_robot_has_no_map(
                 and abs(chain(m).theta - 0.125) < 1e-3
             )
         )
-
-
-def test_diagnostics_do_not_warn_of_the_missing_map_and_localisation(
-    mapping, simulator, agent, client
-):
-    arrays = diagnostics(client)
-    mapping.enter(robot.kMapping)
-    simulator.push(DeviceState(software=0))
-    simulator.push(PoseSpeed(map_id=0))
-    array = arrays.wait(lambda a: values(of(a, "chassis"))["map id"] == "0")
-    assert values(of(array, "chassis"))["state"] == "mapping"
-    assert values(of(array, "chassis"))["localised"] == "unknown"
-    assert of(array, "chassis").message == "OK"
-    mapping.enter(robot.kIdle)
-    warned = arrays.wait(lambda a: of(a, "chassis").level == WARN)
-    assert "belongs to no map" in of(warned, "chassis").message
-    assert "lost its localisation" in of(warned, "chassis").message

@@ -1,8 +1,8 @@
 """No number, enum or text from a hostile chassis ends the link, fails a callback or fills the log.
 
 The chassis is scripted, behind a real socket; the agent is the real node with the whole standard
-layer, and all its topics have subscribers. Each field of each push, of RobotInfo and of the answers
-gets each extreme value of its type.
+layer, and all its topics have subscribers. All fields of one type get each extreme value at once,
+and each field alone gets one of them.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import io
+import itertools
 import json
 import logging
 import math
@@ -19,7 +20,6 @@ from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
-from google.protobuf.descriptor import FieldDescriptor as Kind
 from PIL import Image
 from rclpy.qos import QoSProfile
 
@@ -51,7 +51,6 @@ from woosh_robot_agent.ros.standard_endpoints import STANDARD
 NAV_PATH = "woosh.robot.NavPath"
 POSE_SPEED = "woosh.robot.PoseSpeed"
 MODEL = "woosh.robot.Model"
-BATTERY = "woosh.robot.Battery"
 SCANNER = "woosh.robot.ScannerData"
 SCENE = "woosh.robot.Scene"
 SCENE_DATA = "woosh.map.SceneData"
@@ -68,7 +67,6 @@ GOOD: dict[str, Body] = {
     NAV_PATH: {"path": {"poses": [{"x": 1.0, "y": 2.0, "theta": 0.5}]}},
     POSE_SPEED: {"pose": {"x": 1.0, "y": 2.0, "theta": 0.5}, "mapId": 1},
     MODEL: {"model": [{"x": 1.0, "y": 1.0}, {"x": -1.0, "y": 1.0}, {"x": 0.0, "y": -1.0}]},
-    BATTERY: {"power": 50, "chargeState": 1},
 }
 """Values as real robots send them."""
 
@@ -196,15 +194,20 @@ def check_log(logs: Logs, *expected: str) -> None:
     assert not {text: count for text, count in told.items() if count > 1}
 
 
-@pytest.mark.parametrize("part", range(4))
+def alone(name: str) -> Iterator[Body]:
+    """Yield a body for each field of a type, in which only that field has an extreme value."""
+    turns = {kind: itertools.cycle(values) for kind, values in EXTREMES.items()}
+    for path, kind in leaves(message_type(name).DESCRIPTOR):
+        if not any(part.endswith("_info") for part in path):  # marks, which the agent does not use
+            yield body_with(path, next(turns[kind]))
+
+
+@pytest.mark.parametrize("part", range(2))
 def test_no_value_in_a_push_does_harm(part: int, rig: Rig, logs: Logs):
-    """In several parts, which can run at the same time."""
-    for name in PUSHES[part::4]:
+    """In two parts, which can run at the same time."""
+    for name in PUSHES[part::2]:
         bad = rig.link.stats.bad_frames["body"]
-        bodies = [body for body in extremes(name) for _ in range(2)]
-        for path, kind in leaves(message_type(name).DESCRIPTOR):
-            bodies += [body_with(path, value) for value in EXTREMES[kind]]
-        rig.push(name, *bodies)
+        rig.push(name, *extremes(name), *alone(name))
         assert rig.link.stats.bad_frames["body"] > bad
     assert rig.link.stats.connects == 1
     check_log(logs)
@@ -212,13 +215,7 @@ def test_no_value_in_a_push_does_harm(part: int, rig: Rig, logs: Logs):
 
 
 def test_no_value_in_robot_info_does_harm(rig: Rig, logs: Logs):
-    numbers = [
-        body_with(path, value)
-        for path, kind in leaves(message_type(ROBOT_INFO).DESCRIPTOR)
-        if kind == Kind.CPPTYPE_FLOAT
-        for value in (math.inf, 3e38)
-    ]
-    for info in (*extremes(ROBOT_INFO), *numbers[::2]):
+    for info in extremes(ROBOT_INFO):
         logs.messages.clear()  # each link logs bad values again
         genral = {**info.get("genral", {}), "serial_number": 0}  # another robot would be refused
         rig.reconnect({**info, "robot_id": 10001, "genral": genral})
@@ -227,30 +224,17 @@ def test_no_value_in_robot_info_does_harm(rig: Rig, logs: Logs):
     rig.check_topics()
 
 
-@pytest.mark.parametrize("name", [SCANNER, SCENE_DATA, NAV_PATH])
+@pytest.mark.parametrize("name", [SCANNER, SCENE_DATA])
 def test_no_value_in_an_answer_does_harm(name: str, rig: Rig, logs: Logs):
-    """The agent requests scans, maps and the first path by itself."""
-    bodies = [
-        body_with(path, value)
-        for path, kind in leaves(message_type(name).DESCRIPTOR)
-        for value in EXTREMES[kind][:3]
-        if not any(part.endswith("_info") for part in path)  # marks, which the agent does not use
-    ]
-    for number, body in enumerate((*bodies, *extremes(name))):
-        if name == NAV_PATH:
-            rig.chassis.keep(NAV_PATH, body)
-            if number % 10 == 0:
-                logs.messages.clear()
-                rig.reconnect({})
-            continue
-        body = merged(GOOD[name], body)
-        rig.chassis.keep(name, body)
+    """The agent requests scans and maps by itself."""
+    for number, body in enumerate((*alone(name), *extremes(name))):
+        rig.chassis.keep(name, merged(GOOD[name], body))
         requests = rig.chassis.count(name)
         if name == SCENE_DATA:
             rig.push(SCENE, {"sceneName": "s", "mapName": "m", "mapId": 1, "version": number})
         rig.chassis.wait_request(name, requests + (2 if name == SCANNER else 1))
         rig.settle()
-    check_log(logs, "the link", "connected", "cannot connect")
+    check_log(logs)
     rig.check_topics()
 
 
@@ -261,40 +245,36 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("name", "path", "mirrored", "derived"), BAD)
 def test_a_value_that_a_standard_message_cannot_hold_is_counted_logged_once_and_skipped(
-    name: str, path: tuple[str, ...], mirrored: str, derived: str, rig: Rig, logs: Logs
+    rig: Rig, logs: Logs
 ):
     """The mirrored message holds it, as ROS permits; the next good value is published as ever."""
-    received = rig.topics[mirrored]
-    begun = len(received.messages)
-    for number, value in enumerate((math.inf, math.nan, -math.inf) * 2):
-        rig.push(name, merged(GOOD[name], body_with(path, value)))
-        received.wait_count(begun + 2 * number + 1)  # a latched topic keeps only the last message
+    for name, path, mirrored, derived in BAD:
+        received = rig.topics[mirrored]
+        begun = len(received.messages)
+        counted = rig.link.stats.bad_frames["value"]
+        for number, value in enumerate((math.inf, math.nan, -math.inf)):
+            rig.push(name, merged(GOOD[name], body_with(path, value)))
+            received.wait_count(begun + 2 * number + 1)  # a latched topic keeps the last message
+            rig.push(name, GOOD[name])
+            received.wait_count(begun + 2 * number + 2)
+        assert rig.link.stats.bad_frames["value"] == counted + 3
+        assert len(logs.with_text(f"skipped a bad value in {name}: ", "WARNING")) == 1
+        odd = [m for m in received.messages[begun:] if not all(map(math.isfinite, numbers_of(m)))]
+        assert len(odd) == 3
+        before = len(rig.topics[derived].messages)
         rig.push(name, GOOD[name])
-        received.wait_count(begun + 2 * number + 2)
-    assert rig.link.stats.bad_frames == {"value": 6}
-    (warning,) = [r for r in logs.messages if r.levelno == logging.WARNING]
-    assert warning.getMessage().startswith(f"skipped a bad value in {name}: ")
-    odd = [m for m in received.messages[begun:] if not all(map(math.isfinite, numbers_of(m)))]
-    assert len(odd) == 6
-    before = len(rig.topics[derived].messages)
-    rig.push(name, GOOD[name])
-    rig.topics[derived].wait_count(before + 1)
+        rig.topics[derived].wait_count(before + 1)
     rig.check_topics()
-
-
-def test_a_time_that_is_none_is_counted_logged_once_and_ignored(rig: Rig, logs: Logs):
-    """The frame is used without it: an answer must not be lost because of the robot's clock."""
+    # a frame is used without a bad time: an answer must not be lost because of the robot's clock
     poses = rig.topics["robot/PoseSpeed"]
     begun = len(poses.messages)
     for value in (HUGE, -1, 2**63, "soon"):
         rig.send(json.dumps({"type": POSE_SPEED, "body": GOOD[POSE_SPEED], "timestamp": value}))
     poses.wait_count(begun + 4)
-    assert rig.link.stats.bad_frames == {"timestamp": 4}
+    assert rig.link.stats.bad_frames["timestamp"] == 4
     assert rig.link.stats.clock_offset is None
-    (warning,) = [r for r in logs.messages if r.levelno >= logging.WARNING]
-    assert "timestamp is out of range" in warning.getMessage()
+    assert len(logs.with_text("timestamp is out of range", "WARNING")) == 1
 
 
 def test_the_robot_still_counts_as_standing_after_a_pose_that_is_none(
@@ -307,9 +287,7 @@ def test_the_robot_still_counts_as_standing_after_a_pose_that_is_none(
         arg = twist.Request().arg
         arg.linear = 0.2
         assert client.call(twist, "robot/Twist", arg=arg).ok
-        for path, kind in leaves(message_type(POSE_SPEED).DESCRIPTOR):
-            if kind == Kind.CPPTYPE_FLOAT:
-                rig.push(POSE_SPEED, *(body_with(path, value) for value in EXTREMES[kind]))
+        rig.push(POSE_SPEED, *alone(POSE_SPEED), *extremes(POSE_SPEED))
         rig.push(POSE_SPEED, GOOD[POSE_SPEED])
         assert client.call(twist, "robot/Twist").ok
     check_log(logs)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import pytest
@@ -12,7 +11,6 @@ from tests.node.goals import (
     ACTION,
     CALL_ACTION,
     EXEC_TASK,
-    FEEDBACKS,
     STEP,
     SUCCEEDED,
     TASK,
@@ -44,10 +42,6 @@ short_timeouts = pytest.mark.parametrize(
     "timeouts", [{"goal_link_timeout": 0.8, "poll_timeout": 300}], ids=["short"]
 )
 """Timeouts with which a goal is given up soon."""
-medium_timeouts = pytest.mark.parametrize(
-    "timeouts", [{"goal_link_timeout": 3.0, "poll_timeout": 1000}], ids=["medium"]
-)
-"""Timeouts with which a goal is given up, but not before the test makes the chassis hang."""
 
 
 @pytest.fixture(scope="module")
@@ -72,13 +66,6 @@ def switch_off(simulator: SimulatorThread) -> None:
     wait_until(lambda: simulator.connections == 0)
 
 
-def wait_back(simulator: SimulatorThread) -> None:
-    """Drop the link, and wait until the agent asks for the first values again."""
-    known = simulator.counts[ROBOT_INFO]
-    simulator.drop()
-    simulator.wait_received(ROBOT_INFO, known + 1)
-
-
 def medium(robot: Robot, kind: Kind) -> GoalClient:
     """Start a goal that ends within a second once the simulator hurries."""
     return task(robot) if kind is TASK else step(robot, 8.0)
@@ -92,7 +79,8 @@ def test_goal_goes_on_after_a_reconnect(robot: Robot, kind: Kind) -> None:
     slow_down(robot.chassis)
     goal = medium(robot, kind)
     goal.feedback.wait_count(3)
-    wait_back(robot.chassis)
+    robot.chassis.drop()
+    robot.chassis.wait_received(ROBOT_INFO, 2)
     count = len(goal.feedback.messages)
     hurry(robot.chassis)
     goal.feedback.wait_count(count + 1)
@@ -101,7 +89,7 @@ def test_goal_goes_on_after_a_reconnect(robot: Robot, kind: Kind) -> None:
 
 
 def test_action_that_ended_without_a_link_succeeds(robot: Robot) -> None:
-    """tasks/test_sequences.py has the same for tasks."""
+    """tasks/test_special_cases.py has the same for tasks."""
     goal = until(step(robot, 2.0), ACTION.runs)
     switch_off(robot.chassis)
     chassis = robot.chassis
@@ -133,15 +121,13 @@ def test_new_goal_without_a_link_is_aborted_and_not_sent_later(robot: Robot) -> 
     assert robot.chassis.counts[EXEC_TASK] == 0
 
 
-# The chassis keeps the connection, but does not answer
-
-
-@medium_timeouts
-@each_kind
-def test_goal_is_aborted_if_the_chassis_hangs(robot: Robot, kind: Kind) -> None:
+@pytest.mark.parametrize(
+    "timeouts", [{"goal_link_timeout": 3.0, "poll_timeout": 1000}], ids=["medium"]
+)
+def test_goal_is_aborted_if_the_chassis_hangs(robot: Robot) -> None:
     """It answers pings, which keeps the link, and nothing else."""
     slow_down(robot.chassis)
-    goal = kind.running(robot)
+    goal = TASK.running(robot)
     robot.chassis.inject("freeze")
     goal.wait_aborted("does not answer", "the robot may still be executing it")
 
@@ -155,8 +141,11 @@ def ignore(simulator: SimulatorThread, request: str) -> None:
     simulator.mute(request)
 
 
-@pytest.mark.parametrize("told", [True, False], ids=["by reports", "by polls"])
-@each_kind
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [(TASK, True), (ACTION, True), (ACTION, False)],
+    ids=["task, by reports", "action, by reports", "action, by polls"],
+)
 def test_goal_goes_on_without_an_answer_to_its_start(robot: Robot, kind: Kind, told: bool) -> None:
     robot.chassis.mute(kind.starts)
     if not told:
@@ -191,20 +180,6 @@ def test_newer_action_that_never_arrived_does_not_replace_the_older_one(robot: R
     assert not old.done
     robot.chassis.push(feedbacks(1, "the end"))
     assert old.result()[0] == SUCCEEDED
-
-
-def test_goal_is_not_polled_before_its_answer(robot: Robot) -> None:
-    """A report before the answer may be on an earlier goal."""
-    robot.set_goal_timing(poll_period=0.02)
-    robot.chassis.mute(CALL_ACTION)
-    robot.chassis.intercept(without_reports)
-    slow_down(robot.chassis)
-    begun = time.monotonic()
-    goal = step(robot, 8.0)
-    robot.chassis.wait_received(FEEDBACKS)
-    assert time.monotonic() - begun >= 1.0, "the timeout of the answer"
-    hurry(robot.chassis)
-    assert goal.result()[0] == SUCCEEDED
 
 
 def test_goal_goes_on_if_the_link_is_lost_before_its_answer(robot: Robot) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import re
 import shlex
 import subprocess
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.tools.maps.program import main as maps
 from woosh_robot_msgs.srv import Deployment
 
 PAGE = Path(__file__).parent.parent.parent / "docs" / "mapping.md"
@@ -65,61 +66,48 @@ class Terminal:
     def run(self, line: str) -> None:
         words = shlex.split(line)
         handlers = {
-            "run woosh_robot_agent agent": self._agent,
-            "run woosh_robot_agent maps": self._maps,
-            "topic echo": self._echo,
-            "topic pub": self._pub,
+            "sed": lambda: subprocess.run(words, cwd=self._folder, check=True),
+            "ros2 run woosh_robot_agent agent": lambda: self._agent(words[4:]),
+            "ros2 run woosh_robot_agent maps": lambda: self._maps(words[4:]),
+            "ros2 topic echo": lambda: self._echo(words[3:]),
+            "ros2 topic pub": lambda: self._pub(words[3:]),
         }
-        if words[0] == "sed":
-            subprocess.run(words, cwd=self._folder, check=True)
-            return
-        for name, handle in handlers.items():
-            start = ["ros2", *name.split()]
-            if words[: len(start)] == start:
-                handle(words[len(start) :])
+        for start, handle in handlers.items():
+            if line.startswith(f"{start} "):
+                handle()
                 return
         self.responses.append(execute(self._client, line))
 
     def _agent(self, words: list[str]) -> None:
-        parser = argparse.ArgumentParser()
-        parser.add_argument("--ros-args", action="store_true")
-        parser.add_argument("-r")
-        parser.add_argument("-p", action="append")
-        options = parser.parse_args(words)
-        assert options.r == f"__ns:={NAMESPACE.rstrip('/')}"
-        parameters = dict(each.split(":=") for each in options.p)
+        parameters = dict(each.split(":=") for each in words if ":=" in each)
+        assert parameters.pop("__ns") == NAMESPACE.rstrip("/")
         assert parameters.pop("ip") == ROBOT
         values = {name: yaml.safe_load(value) for name, value in parameters.items()}
         self._start_agent(ip="127.0.0.1", port=self._simulator.port, **values).wait_connected()
 
     def _maps(self, words: list[str]) -> None:
-        from woosh_robot_agent.tools.maps.program import main
-
         assert words[:2] == ["--ip", ROBOT]
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(self._folder)
-            assert main(["--ip", f"127.0.0.1:{self._simulator.port}", *words[2:]]) == 0
+            assert maps(["--ip", f"127.0.0.1:{self._simulator.port}", *words[2:]]) == 0
 
     def _echo(self, words: list[str]) -> None:
-        parser = argparse.ArgumentParser()
-        parser.add_argument("--once", action="store_true", required=True)
-        parser.add_argument("--no-arr", action="store_true")
-        parser.add_argument("--filter", default="True")
-        parser.add_argument("--qos-durability", default="volatile")
-        parser.add_argument("--qos-reliability", default="best_effort")
-        parser.add_argument("topic")
-        parser.add_argument("type")
-        options = parser.parse_args(words)
+        assert "--once" in words
+        *_, topic, kind = words
+        options = dict(pairwise(words))
         # Without these options, the tool chooses by the publishers that it happens to know.
         qos = QoSProfile(
             depth=1,
-            durability=DurabilityPolicy.get_from_short_key(options.qos_durability),
-            reliability=ReliabilityPolicy.get_from_short_key(options.qos_reliability),
+            durability=DurabilityPolicy.get_from_short_key(
+                options.get("--qos-durability", "volatile")
+            ),
+            reliability=ReliabilityPolicy.get_from_short_key(
+                options.get("--qos-reliability", "best_effort")
+            ),
         )
-        package, _, short = options.type.split("/")
-        name = options.topic.removeprefix(NAMESPACE)
-        seen = self._client.echo_with(class_of(f"{package}/{short}", "msg"), name, qos)
-        seen.wait(lambda m: eval(options.filter, {"m": m}))
+        name = topic.removeprefix(NAMESPACE)
+        seen = self._client.echo_with(class_of(kind.replace("/msg", ""), "msg"), name, qos)
+        seen.wait(lambda m: eval(options.get("--filter", "True"), {"m": m}))
 
     def _odometry(self) -> Pose:
         return self._simulator.call(lambda inner: inner.chassis.base.odometry)
@@ -130,28 +118,23 @@ class Terminal:
         This ends when the robot has driven or turned as far as the command says. On a busy machine
         that takes more messages, because the robot stops when one comes too late.
         """
-        parser = argparse.ArgumentParser()
-        parser.add_argument("-r", type=float, required=True)
-        parser.add_argument("-t", type=int, required=True)
-        parser.add_argument("topic")
-        parser.add_argument("type")
-        parser.add_argument("values")
-        options = parser.parse_args(words)
-        package, kind, short = options.type.split("/")
-        message = class_of(f"{package}/{short}", kind)()
-        set_message_fields(message, yaml.safe_load(options.values))
+        *_, topic, kind, values = words
+        options = dict(pairwise(words))
+        rate, times = float(options["-r"]), int(options["-t"])
+        message = class_of(kind.replace("/msg", ""), "msg")()
+        set_message_fields(message, yaml.safe_load(values))
         node = self._client.node
-        publisher = node.create_publisher(type(message), options.topic, 10)
-        wait_until(publisher.get_subscription_count, f"a subscriber of {options.topic}")
+        publisher = node.create_publisher(type(message), topic, 10)
+        wait_until(publisher.get_subscription_count, f"a subscriber of {topic}")
         start = self._odometry()
-        wanted = options.t / options.r * max(abs(message.linear.x), abs(message.angular.z))
-        for _ in range(20 * options.t):
+        wanted = times / rate * max(abs(message.linear.x), abs(message.angular.z))
+        for _ in range(20 * times):
             now = self._odometry()
             gone = math.hypot(now.x - start.x, now.y - start.y) + abs(now.theta - start.theta)
             if gone >= wanted:
                 break
             publisher.publish(message)
-            time.sleep(1.0 / options.r / SPEED)
+            time.sleep(1.0 / rate / SPEED)
         self._client.in_executor(lambda: node.destroy_publisher(publisher))
         wait_until(lambda: self._simulator.state.velocity == Velocity(), "the robot to stand")
 

@@ -12,7 +12,7 @@ from contextlib import closing
 from typing import Any
 
 import pytest
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import LaserScan
@@ -20,16 +20,16 @@ from std_srvs.srv import Trigger
 
 from tests.harness import Client, Logs, Robot, RunningAgent, wait_until
 from tests.node.goals import EXECUTING, stop_time, task
+from tests.node.nav2.goals import pose
 from tests.node.test_parameters import change
 from tests.node.test_states import diagnostics
-from tests.quick_chassis import set_speed
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import ACTIONS, COMMANDS, OWN_READS, QUERIES, TOPICS
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.ros.standard_endpoints import STANDARD, Kind
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.srv import RobotWiFi, Speak
+from woosh_robot_msgs.srv import Speak
 
 READS = {
     "woosh.Subscription",
@@ -38,7 +38,6 @@ READS = {
     *(query.request for query in QUERIES),
     *(command.request for command in COMMANDS if command.reads),
 }
-WIFI = "woosh.robot.RobotWiFi"
 SPEAK = "woosh.robot.Speak"
 TWIST = "woosh.robot.Twist"
 REASON = "only observes the robot"
@@ -61,20 +60,6 @@ def publish(client: Client, name: str, message: Any) -> Any:
 
 def received(simulator: SimulatorThread) -> set[str]:
     return {each.type for each in simulator.received}
-
-
-def initial_pose() -> PoseWithCovarianceStamped:
-    message = PoseWithCovarianceStamped()
-    message.header.frame_id = "map"
-    message.pose.pose.orientation.w = 1.0
-    return message
-
-
-def goal_pose() -> PoseStamped:
-    message = PoseStamped()
-    message.header.frame_id = "map"
-    message.pose.orientation.w = 1.0
-    return message
 
 
 def velocity(linear: float) -> Twist:
@@ -103,10 +88,13 @@ def test_only_reads_reach_the_chassis_whatever_clients_send(observer: Robot, log
             goal.arg.action.value = 1  # execute; 0 would be a cancel, which is tried below
         observer.send_goal(action_class, action.name, goal).wait_aborted(REASON)
         observer.send_goal(action_class, action.name, action_class.Goal()).wait_aborted(REASON)
+    there = pose(0.0, 0.0)
+    initial_pose = PoseWithCovarianceStamped(header=there.header)
+    initial_pose.pose.pose = there.pose
     inputs = {
         "cmd_vel": [velocity(0.5), velocity(0.0)],
-        "initialpose": [initial_pose()],
-        "goal_pose": [goal_pose()],
+        "initialpose": [initial_pose],
+        "goal_pose": [there],
     }
     assert set(inputs) == {each.name for each in STANDARD if each.kind is Kind.INPUT}
     for name, messages in inputs.items():
@@ -132,20 +120,6 @@ def test_only_reads_reach_the_chassis_whatever_clients_send(observer: Robot, log
         assert [level for level in told if level != "DEBUG"] == ["WARNING"], "it is logged once"
 
 
-def test_the_wifi_list_is_read_and_no_other_order_is_sent(observer: Robot) -> None:
-    arg = RobotWiFi.Request().arg
-    for order in range(7):
-        arg.order.value = order
-        response = observer.call(RobotWiFi, "robot/RobotWiFi", arg=arg)
-        assert response.ok == (order == arg.order.K_WI_FI_LIST), response
-    assert [each.message.order for each in observer.chassis.received if each.type == WIFI] == [
-        arg.order.K_WI_FI_LIST
-    ]
-    arg.order.value = arg.order.K_WI_FI_LIST
-    arg.enable = True  # its meaning in this order is not known
-    assert not observer.call(RobotWiFi, "robot/RobotWiFi", arg=arg).ok
-
-
 def test_diagnostics_show_it_and_what_others_do(observer: Robot, logs: Logs) -> None:
     def link(message: Any) -> Any:
         return next(s for s in message.status if s.name.endswith(": link"))
@@ -167,16 +141,6 @@ def test_diagnostics_show_it_and_what_others_do(observer: Robot, logs: Logs) -> 
     assert observer.chassis.counts[SPEAK] == 1
     assert observer.chassis.counts["woosh.robot.RobotInfo"] == 1, "it does not reconnect"
     seen.wait(lambda m: {v.key: v.value for v in link(m).values}["observe only"] == "no")
-
-
-def test_the_task_of_a_goal_goes_on_when_it_is_turned_on(robot: Robot) -> None:
-    set_speed(robot.chassis, 1.0)
-    goal = task(robot, task_id=7)
-    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    assert change(robot, observe_only=True) == (True, "")
-    goal.result()
-    text = "a goal: task 7; the goal has ended, but the robot continues"
-    diagnostics(robot).wait(lambda m: text in [s.message for s in m.status])
 
 
 def test_a_driving_robot_is_stopped_when_it_is_turned_on(robot: Robot) -> None:

@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from tests.harness import Client, wait_until
 from tests.node.goals import replace_answers
+from tests.node.nav2.goals import pose
 from woosh_robot_agent.simulator import SimulatorThread
 
 CALL_ACTION = "woosh.ros.CallAction"
@@ -28,20 +29,13 @@ class Sender:
         }
 
     def initialpose(self, x: float, y: float, yaw: float, frame: str = "map") -> None:
-        message = PoseWithCovarianceStamped()
-        _fill(message, message.pose.pose, x, y, yaw, frame)
+        there = pose(x, y, yaw, frame)
+        message = PoseWithCovarianceStamped(header=there.header)
+        message.pose.pose = there.pose
         self.publishers["initialpose"].publish(message)
 
     def goal_pose(self, x: float, y: float, yaw: float, frame: str = "map") -> None:
-        message = PoseStamped()
-        _fill(message, message.pose, x, y, yaw, frame)
-        self.publishers["goal_pose"].publish(message)
-
-
-def _fill(message: Any, pose: Any, x: float, y: float, yaw: float, frame: str) -> None:
-    message.header.frame_id = frame
-    pose.position.x, pose.position.y = x, y
-    pose.orientation.z, pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+        self.publishers["goal_pose"].publish(pose(x, y, yaw, frame))
 
 
 @pytest.fixture
@@ -50,8 +44,8 @@ def sender(agent: Any, client: Client) -> Sender:
 
 
 def at(simulator: SimulatorThread, x: float, y: float, yaw: float) -> bool:
-    pose = simulator.state.pose
-    return (pose.x, pose.y, pose.theta) == pytest.approx((x, y, yaw), abs=0.02)
+    here = simulator.state.pose
+    return (here.x, here.y, here.theta) == pytest.approx((x, y, yaw), abs=0.02)
 
 
 class TestInitialpose:

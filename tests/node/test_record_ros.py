@@ -31,7 +31,6 @@ from tests.harness import HUMBLE, Spinner, wait_until
 from tests.tooling.interface_facts import HASHES
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
-from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.ros.releases import PublisherEventCallbacks
 from woosh_robot_agent.tools.recording.layout import RecordingError
 from woosh_robot_agent.tools.recording.reader import read_recording
@@ -124,13 +123,10 @@ def publisher_node(domain: int) -> Iterator[Node]:
 
 
 @contextmanager
-def recorder(
-    simulator: Any, path: Path, namespace: str, *options: str
-) -> Iterator[subprocess.Popen[str]]:
+def recorder(simulator: Any, path: Path, namespace: str) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
         [sys.executable, "-m", "woosh_robot_agent.tools", "record"]
-        + ["--ip", f"127.0.0.1:{simulator.port}", "--output", str(path), "--ros", namespace]
-        + [*options],
+        + ["--ip", f"127.0.0.1:{simulator.port}", "--output", str(path), "--ros", namespace],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -167,21 +163,6 @@ def test_lost_ros_messages_fail_the_recording(
         status, _, err = end(process)
     assert status == 1
     assert "error: messages on /fake/large that the middleware lost: " in err
-
-
-def test_the_end_of_the_ros_messages_is_not_called_the_end_of_the_frames(
-    tmp_path: Path, simulator: Any, publisher_node: Node
-) -> None:
-    path, ros = tmp_path / "a.mcap", tmp_path / "a_ros.mcap"
-    publisher = publisher_node.create_publisher(String, "large", latched(1))
-    publisher.publish(String(data="first"))
-    options = ["--listen", "127.0.0.1:0", "--max-size", "0.5"]
-    with recorder(simulator, path, "/fake", *options) as process:
-        wait_until(lambda: count(ros, "/fake/large") >= 1, "the latched message", TIMEOUT)
-        publisher.publish(LARGE)
-        assert process.stderr is not None
-        line = process.stderr.readline()
-    assert line.startswith("error: the recording of ROS messages has ended: ")
 
 
 @pytest.mark.skipif(

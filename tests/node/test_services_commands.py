@@ -2,42 +2,38 @@
 
 from __future__ import annotations
 
-import ctypes
-import itertools
 import math
 import random
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from rclpy.task import Future
+import pytest
 
-from tests.convert.random_messages import blank, carried, item_type, random_proto, random_ros
+from tests.convert.random_messages import blank, carried, random_proto, random_ros
 from tests.convert.type_pairs import field_class
 from tests.harness import wait_future, wait_until
+from tests.node.goals import answer_with_json, replace_answers
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
-from woosh_robot_agent.endpoints import COMMANDS
+from woosh_robot_agent.endpoints import COMMANDS, minimum_timeouts
 from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_msgs.msg import Speak as SpeakMsg
-from woosh_robot_msgs.srv import Mode, SetSound, Speak, SwitchControlMode
+from woosh_robot_msgs.srv import Mode, PlanNavPath, SetSound, Speak, SwitchControlMode
 
 SPEAK = "woosh.robot.Speak"
+PLAN = "woosh.robot.PlanNavPath"
 
 
 def srv_of(command: Any) -> Any:
     return class_of(command.srv, "srv")
 
 
-def arg_class(command: Any) -> Any:
-    return field_class(srv_of(command).Request, "arg")
-
-
 def test_request_and_answer_pass_untouched(simulator, agent, client):
     rng = random.Random(7)
     for number, command in enumerate(COMMANDS):
         ok = number % 2 == 0
-        arg = random_ros(rng, arg_class(command))
+        arg = random_ros(rng, field_class(srv_of(command).Request, "arg"))
         if command.name == "robot/Twist":  # beyond the limits, it would be changed or refused
             arg = type(arg)(linear=0.25, angular=-0.5)
         msg = "请求失败: \n\u00e9 🤖" + command.name
@@ -83,18 +79,6 @@ def test_call_without_a_link_fails_with_the_reason(start_agent, client):
         assert "Connection refused" in response.msg
 
 
-def test_call_without_an_answer_fails_after_the_timeout(simulator, connect, client):
-    connect(poll_timeout=500)
-    quick = [command for command in COMMANDS if not command.timeout][::10]
-    for command in quick:
-        simulator.mute(command.request)
-    calls = {c: client.call_async(srv_of(c), c.name) for c in quick}
-    for command, call in calls.items():
-        response = wait_future(call)
-        assert not response.ok
-        assert f"did not answer {command.request} within 0.5 s" in response.msg
-
-
 def test_call_fails_if_the_link_is_lost_and_is_not_repeated(simulator, agent, client):
     simulator.mute(SPEAK)
     call = client.call_async(Speak, "robot/Speak")
@@ -113,74 +97,20 @@ def test_call_fails_if_the_link_is_lost_and_is_not_repeated(simulator, agent, cl
 # Values that must not reach the robot
 
 
-def leaves(cls: Any, kinds: tuple[str, ...], path: str = "") -> Iterator[str]:
-    """Yield the paths of all nested fields of these types; a list stands for its first item."""
-    for name, kind in cls.get_fields_and_field_types().items():
-        of = item_type(kind)
-        where = f"{path}{name}" + ("[0]" if of else "")
-        if (of or kind) in kinds:
-            yield where
-        elif "/" in kind:
-            yield from leaves(class_of(of or kind, "msg"), kinds, where + ".")
-
-
-def message_with(cls: Any, path: str, value: Any) -> Any:
-    """Return a message with `value` at `path`."""
-    message = cls()
-    step, _, rest = path.partition(".")
-    name = step.removesuffix("[0]")
-    kind = cls.get_fields_and_field_types()[name]
-    if rest:
-        value = message_with(class_of(item_type(kind) or kind, "msg"), rest, value)
-    setattr(message, name, [value] if item_type(kind) else value)
-    if hasattr(message, "which"):  # of a oneof, only the member that is set is sent
-        (member,) = (each for each in dir(cls) if each.endswith(f"_{name.upper()}_SET"))
-        message.which = getattr(cls, member)
-    return message
-
-
-def test_bad_values_are_named_and_not_sent(simulator, agent, client):
-    values = itertools.cycle([math.nan, -math.inf])
-    for command in COMMANDS:
-        for path in leaves(arg_class(command), ("float",)):
-            arg = message_with(arg_class(command), path, next(values))
-            response = client.call(srv_of(command), command.name, arg=arg)
-            assert not response.ok
-            assert response.msg.startswith(f"arg.{path}"), command.name
-        assert not simulator.counts[command.request]
-
-
-def test_the_replacement_character_is_text_like_any_other(simulator, agent, client):
-    """rclpy also puts it in place of bytes that are not UTF-8, which are refused."""
-    assert client.call(Speak, "robot/Speak", arg=SpeakMsg(text="a\ufffd谢b")).ok
-    assert simulator.last(SPEAK).text == "a\ufffd谢b"
-
-
-class CString(ctypes.Structure):
-    """The C type rosidl_runtime_c__String. A Speak request consists of one."""
-
-    _fields_ = [
-        ("data", ctypes.c_char_p),
-        ("size", ctypes.c_size_t),
-        ("capacity", ctypes.c_size_t),
-    ]
-
-
-def speak_bytes(client: Any, text: bytes) -> Any:
-    """Send bytes that need not be UTF-8, as a C client can. rclpy would check the text."""
-    service = client.service(Speak, "robot/Speak")
-    request, number = CString(text, len(text), len(text) + 1), ctypes.c_int64()
-    send = ctypes.CDLL("librcl.so").rcl_send_request
-    with service.handle, service._lock:  # the executor must not read the answer yet
-        where = ctypes.c_void_p(service.handle.pointer)
-        assert send(where, ctypes.byref(request), ctypes.byref(number)) == 0
-        future = service._pending_requests[number.value] = Future()
-    return wait_future(future)
-
-
-def test_bytes_that_are_not_utf_8_become_replacement_characters(simulator, agent, client):
-    assert speak_bytes(client, b"ab\xff\xc3ef").ok
-    assert simulator.last(SPEAK).text == "ab\ufffd\ufffdef"
+@pytest.mark.parametrize(
+    ("name", "values", "path"),
+    [
+        ("robot/InitRobot", {"pose": {"theta": math.nan}}, "arg.pose.theta"),
+        ("robot/Twist", {"linear_y": -math.inf}, "arg.linear_y"),
+        ("robot/PlanNavPath", {"end": {"x": math.inf}}, "arg.end.x"),
+    ],
+)
+def test_bad_values_are_named_and_not_sent(simulator, agent, client, name, values, path):
+    """tests/convert has values in lists and oneofs."""
+    response = client.command(name, **values)
+    assert not response.ok
+    assert response.msg.startswith(path)
+    assert not simulator.counts[f"woosh.{name.replace('/', '.')}"]
 
 
 # The robot id, and old clients
@@ -201,3 +131,70 @@ def test_configured_robot_id_is_sent_unless_the_client_sets_one(simulator, conne
 def test_no_robot_id_is_sent_by_default(simulator, agent, client):
     client.call(SetSound, "setting/Sound")
     assert simulator.last("woosh.robot.setting.Sound").WhichOneof("request") is None
+
+
+# PlanNavPath, whose answer is of another type than the request names
+
+
+@pytest.mark.parametrize(
+    ("named", "encoding"), [(PLAN, "protobuf"), ("woosh.robot.NavPath", "json")]
+)
+def test_a_planned_path_is_read_whatever_type_the_answer_names(
+    simulator, connect, client, named, encoding
+):
+    connect(encoding=encoding)
+    path = NavPath()
+    path.path.poses.add(x=1.0, y=2.0)
+    replace_answers(simulator, PLAN, ok=True, msg="", type=named, body=path)
+    response = client.call(PlanNavPath, "robot/PlanNavPath")
+    assert response.ok, response.msg
+    assert [(pose.x, pose.y) for pose in response.ret.path.poses] == [(1.0, 2.0)]
+
+
+def test_a_read_without_a_usable_answer_fails(simulator, agent, client):
+    def asked() -> tuple[bool, str, int]:
+        response = client.call(PlanNavPath, "robot/PlanNavPath")
+        return response.ok, response.msg, len(response.ret.path.poses)
+
+    replace_answers(simulator, PLAN, ok=True, msg="", type=PLAN, body=None)
+    assert asked() == (True, "", 0), "an echo of the request is an empty path"
+    replace_answers(simulator, PLAN, type="woosh.robot.Battery")
+    reason = "no usable answer: the chassis answered with woosh.robot.Battery, not with "
+    assert asked() == (False, f"{reason}woosh.robot.NavPath", 0)
+    answer_with_json(simulator, PLAN, type="woosh.robot.NavPath", body={"path": 7})
+    assert asked()[1].startswith("no usable answer: the answer cannot be read: woosh.robot.NavPa")
+
+
+# Timeouts of answers: `poll_timeout`, and the longer ones of slow requests
+
+INIT_ROBOT = "woosh.robot.InitRobot"
+LONGEST_ANSWERS = {
+    "woosh.robot.BuildMap": 235.538,
+    "woosh.robot.NavPath": 8.833,
+    "woosh.robot.SwitchWorkMode": 6.469,
+    INIT_ROBOT: 4.9,
+    "woosh.robot.RobotInfo": 3.497,
+    "woosh.map.SceneData": 4.562,
+    "woosh.map.Download": 9.789,
+    "woosh.map.Upload": 5.141,
+}
+"""Longest answer times of a real robot, in seconds."""
+
+
+def test_a_slow_request_may_take_longer_than_poll_timeout(connect, client, simulator):
+    connect(poll_timeout=1000)
+    simulator.delay(INIT_ROBOT, 1.5)
+    response = client.command("robot/InitRobot", is_record=True)
+    assert (response.ok, "did not answer" in response.msg) == (True, False), response.msg
+
+
+def test_a_poll_timeout_beyond_the_minimum_wins(connect):
+    chassis = connect(poll_timeout=40_000).agent.robot.chassis
+    assert chassis.timeout_of(INIT_ROBOT) == 40.0
+    assert chassis.timeout_of("woosh.robot.BuildMap") == minimum_timeouts()["woosh.robot.BuildMap"]
+    assert chassis.timeout_of("woosh.robot.Speak") == 40.0
+
+
+def test_the_longest_real_answers_fit_twice() -> None:
+    for request, longest in LONGEST_ANSWERS.items():
+        assert minimum_timeouts().get(request, 10.0) >= 2 * longest, request

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import random
 import threading
+from array import array
 from dataclasses import replace
 from typing import Any
 
+import pytest
+
 from tests.harness import wait_future
-from tests.node.goals import answer_with_json
+from tests.node.goals import answer_with_json, replace_answers
+from woosh_common_msgs.msg import FileData
+from woosh_map_msgs.msg import Download as DownloadMsg
+from woosh_map_msgs.msg import Upload as UploadMsg
+from woosh_map_msgs.srv import Download, Upload
+from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath as NavPathProto
 from woosh_robot_agent.ros.bridge import Reply
 from woosh_robot_msgs.msg import Speak as SpeakMsg
@@ -57,20 +66,6 @@ def test_large_values_are_sent_aside_even_the_last_known_one(simulator, agent, c
     assert threads == {"large messages_0"}
 
 
-def test_too_many_queries_are_logged_once(simulator, agent, client, logs):
-    simulator.mute(SPEAK)
-    for number in range(64):
-        speak(client, str(number))
-    simulator.wait_received(SPEAK, 64)
-    for _ in range(3):
-        assert client.call(Mode, "robot/Mode").info.ctrl.value == 1  # the last known value
-        assert client.call(General, "robot/General").info.serial_number == 30001
-    simulator.drop()
-    agent.wait_connected(2)
-    warnings = logs.with_text("requests are in flight", "WARNING")
-    assert len(logs.with_text("requests are in flight")) > len(warnings) == 1
-
-
 def test_text_that_ros_cannot_encode_does_not_lose_the_answer(simulator, agent, client):
     """A JSON string may contain a lone surrogate, which has no UTF-8 encoding."""
     answer_with_json(simulator, SPEAK, msg="a\ud800b")
@@ -110,3 +105,33 @@ def test_an_error_while_sending_is_answered(logs):
 
     Reply(Speak.Response, send, "header").send(Speak.Response(ok=True))
     assert [(type(error).__name__ in text, header) for text, header in sent] == [(True, "header")]
+
+
+DOWNLOAD, UPLOAD = "woosh.map.Download", "woosh.map.Upload"
+
+
+@pytest.mark.timeout(300)
+def test_a_large_map_is_downloaded_and_uploaded_unchanged(simulator, agent, client):
+    """And holds up no other request; tests/link has the other transports and encodings."""
+    data = random.Random(1).randbytes(12 * 1024 * 1024)
+    scene = DownloadResponse()
+    scene.file_datas.add(name="map.png", data=data)
+    scene.file_datas.add(name="marks.json", data=b"{}")
+    replace_answers(simulator, DOWNLOAD, ok=True, msg="", type=f"{DOWNLOAD}Response", body=scene)
+    download = client.call_async(Download, "map/Download", arg=DownloadMsg(scene_name="hall"))
+    assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+    response = wait_future(download)
+    assert response.ok, response.msg
+    assert [file.name for file in response.ret.file_datas] == ["map.png", "marks.json"]
+    assert response.ret.file_datas[0].data.tobytes() == data
+    assert response.ret.file_datas[1].data.tobytes() == b"{}"
+
+    replace_answers(simulator, UPLOAD, ok=True, msg="", type=UPLOAD, body=None)
+    files = [FileData(name="map.png", data=array("B", data))]
+    upload = client.call_async(
+        Upload, "map/Upload", arg=UploadMsg(scene_name="hall", file_datas=files)
+    )
+    assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+    response = wait_future(upload)
+    assert response.ok, response.msg
+    assert simulator.last(UPLOAD).file_datas[0].data == data

@@ -45,11 +45,6 @@ def ask(client: Any, query: Any) -> Any:
     return getattr(response, name)
 
 
-def lose_link(simulator: Any, agent: RunningAgent) -> None:
-    simulator.stop_listening()
-    wait_until(lambda: agent.agent.robot.chassis.state.value == "waiting", "the link's end")
-
-
 def known(agent: RunningAgent, name: str) -> Any:
     return agent.agent.robot.last_known.get(name)
 
@@ -105,7 +100,8 @@ def test_without_a_link_the_last_answer_or_push_is_returned(simulator, hasty, cl
     simulator.push(RobotState(state=6))
     simulator.push(Battery(power=7, temp_max=9))
     wait_until(lambda: known(hasty, BATTERY).power == 7, "the pushes")
-    lose_link(simulator, hasty)
+    simulator.stop_listening()
+    wait_until(lambda: hasty.agent.robot.chassis.state.value == "waiting", "the link's end")
     for query in QUERIES:
         if query.name not in ("robot/Battery", "robot/RobotState", "robot/RobotInfo"):
             assert ask(client, query) == answers[query.name], query.name

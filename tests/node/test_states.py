@@ -15,7 +15,6 @@ from nav_msgs.msg import OccupancyGrid, Path
 from PIL import Image
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import Bool
 
 from tests.harness import wait_until
 from tests.node.goals import short_task
@@ -96,23 +95,12 @@ def test_the_first_plan_does_not_replace_a_newer_one(simulator, connect, client)
 
     simulator.intercept(answer)
     agent = connect()
-    for links in range(1, 6):
+    for links in range(1, 4):
         agent.wait_connected(links)
         simulator.wait_received("woosh.robot.NavPath", links)
         client.call(RobotStateSrv, "robot/RobotState")  # until then, both have been handled
         assert len(client.echo(Path, "plan").wait_count(1)[0].poses) == 3
         simulator.drop()
-
-
-def test_connected_follows_the_link(simulator, start_agent, client):
-    simulator.stop_listening()
-    start_agent(ip="127.0.0.1", port=simulator.port, backoff_min=0.1)
-    connected = client.echo(Bool, "connected")
-    assert not connected.wait_count(1)[0].data
-    simulator.listen()
-    connected.wait(lambda m: m.data)
-    simulator.stop_listening()
-    wait_until(lambda: not connected.messages[-1].data)
 
 
 class TestMap:
@@ -136,22 +124,19 @@ class TestMap:
         simulator.intercept(answer)
         return data
 
-    def test_it_matches_the_image(self, scene, agent, client):
-        grid = client.echo(OccupancyGrid, "map").wait_count(1)[0]
-        assert grid.header.frame_id == "map"
-        assert (grid.info.width, grid.info.height) == (3, 2)
-        assert grid.info.resolution == pytest.approx(0.5)
-        assert (grid.info.origin.position.x, grid.info.origin.position.y) == (-1.0, -2.0)
-        # the last row of the image is the first of the grid
-        assert list(grid.data) == [100, 0, 0, 0, -1, 100]
-
     def test_it_is_requested_on_demand_and_again_when_it_changes(
         self, simulator, scene, agent, client
     ):
         diagnostics(client).wait_count(2)  # two seconds, enough for a request
         assert simulator.counts[SCENE_DATA] == 0
         grids = client.echo(OccupancyGrid, "map")
-        grids.wait_count(1)
+        grid = grids.wait_count(1)[0]
+        assert grid.header.frame_id == "map"
+        assert (grid.info.width, grid.info.height) == (3, 2)
+        assert grid.info.resolution == pytest.approx(0.5)
+        assert (grid.info.origin.position.x, grid.info.origin.position.y) == (-1.0, -2.0)
+        # the last row of the image is the first of the grid
+        assert list(grid.data) == [100, 0, 0, 0, -1, 100]
         scene.name = scene.maps[0].name = "scenex"
         scene.maps[0].map_png = png([[0]])
         assert client.command("robot/SwitchMap", scene_name="scenex").ok
@@ -175,11 +160,6 @@ class TestMap:
         grids = client.echo(OccupancyGrid, "map")
         grids.wait(lambda m: m.info.width == 1)
         assert [grid.info.width for grid in grids.messages] == [1]
-
-    def test_a_bad_image_is_logged_once(self, simulator, scene, agent, client, logs):
-        scene.maps[0].map_png = b"no picture"
-        client.echo(OccupancyGrid, "map")
-        logs.wait_text("its image cannot be decoded")
 
     def test_bad_images_are_refused(self):
         with pytest.raises(MapError):

@@ -61,23 +61,9 @@ def test_the_docs_show_the_example_unchanged(file: Path) -> None:
     assert f"```python\n{file.read_text()}```" in (DOCS / "testing.md").read_text()
 
 
-def test_fixtures_can_be_imported(tmp_path: Path) -> None:
-    """The examples, and the next test, use them as a plugin."""
-    (tmp_path / "conftest.py").write_text(
-        "from woosh_robot_agent.testing import simulated_chassis, woosh_agent"
-    )
-    (tmp_path / "test_it.py").write_text(
-        "def test_it(woosh_agent, simulated_chassis):\n"
-        "    import os\n"
-        "    assert os.environ['ROS_DOMAIN_ID'] == str(woosh_agent.domain)\n"
-        "    assert simulated_chassis.connections == 1\n"
-    )
-    status, said = run_pytest(tmp_path)
-    assert status == 0, said
-
-
 def test_marks_configure_the_fixtures(tmp_path: Path) -> None:
-    (tmp_path / "conftest.py").write_text("pytest_plugins = ['woosh_robot_agent.testing']")
+    # the example uses them as a plugin
+    (tmp_path / "conftest.py").write_text("from woosh_robot_agent.testing import *")
     (tmp_path / "test_it.py").write_text(
         "import pytest\n"
         "pytestmark = pytest.mark.woosh_chassis(speed=3, robot_id=7)\n"

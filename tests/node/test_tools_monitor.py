@@ -17,7 +17,6 @@ from typing import Any
 
 import pytest
 from rich.console import Console
-from std_msgs.msg import Bool
 
 from tests.harness import NAMESPACE, wait_until
 from tests.node.goals import SUCCEEDED, step
@@ -27,7 +26,6 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.ros.qos import latched
-from woosh_robot_agent.testing import AgentProcess
 from woosh_robot_agent.tools.monitor.program import print_once
 from woosh_robot_agent.tools.monitor.ros_source import RosSource
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
@@ -177,51 +175,13 @@ def test_a_node_without_the_parameters_of_an_agent_is_watched_too(watching, doma
         watching.wait_link(lambda link: link.good and "is connected to the robot" in link.detail)
 
 
-class Output:
-    """Console output of `monitor --once` and its exit status."""
-
-    def __init__(self, watching: Watching) -> None:
-        self._file = io.StringIO()
-        console = Console(file=self._file, width=200, color_system=None)
-        once = print_once(watching.source, console, asyncio.Event(), TIMEOUT)
-        self._end = asyncio.run_coroutine_threadsafe(once, watching.loop)
-
-    def wait(self) -> tuple[int, str]:
-        """Return the exit status and the output."""
-        return self._end.result(2 * TIMEOUT), self._file.getvalue()
-
-
-@pytest.fixture
-def agent_without_connected(domain: int, simulator: Any) -> Iterator[AgentProcess]:
-    """An agent that publishes `connected` under another name."""
-    remapped = ("-r", f"{NAMESPACE}/connected:=/elsewhere")
-    parameters = {"ip": "127.0.0.1", "port": simulator.port}
-    with closing(AgentProcess(domain, NAMESPACE, *remapped, **parameters)) as agent:
-        agent.wait_connected()
-        yield agent
-
-
-def test_once_waits_for_the_topic_connected(domain, agent_without_connected, client):
-    with closing(Watching(domain)) as watching:
-        status, text = Output(watching).wait()
-        assert "no message has come on its topic connected" in text
-        assert status == 0
-    with closing(Watching(domain, connected_timeout=TIMEOUT)) as watching:
-        output = Output(watching)
-        watching.wait(lambda view: view.has_robot_info, "RobotInfo")
-        watching.wait_link(lambda link: link.good and "waiting for its topic" in link.text)
-        publisher = client.node.create_publisher(Bool, client.path("connected"), latched(1))
-        publisher.publish(Bool(data=True))
-        status, text = output.wait()
-    assert "the agent is connected to 127.0.0.1" in text
-    assert status == 0
-
-
 def test_once_works_with_an_agent_that_does_not_publish_connected(watching, connect):
     connect(disabled_parts=["connected"])
-    status, text = Output(watching).wait()
-    assert "it is unknown whether it is connected to 127.0.0.1" in text
-    assert "disabled_parts" in text
+    file = io.StringIO()
+    console = Console(file=file, width=200, color_system=None)
+    status = watching.run(print_once(watching.source, console, asyncio.Event(), TIMEOUT))
+    assert "it is unknown whether it is connected to 127.0.0.1" in file.getvalue()
+    assert "disabled_parts" in file.getvalue()
     assert status == 0
 
 
@@ -236,16 +196,8 @@ def run_once(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--namespace", f"{NAMESPACE}/"],
-        ["--namespace", "/else", "--ros-args", "-r", f"__ns:={NAMESPACE}"],
-    ],
-)
-def test_once_prints_the_state(
-    domain: int, agent: Any, simulator: Any, arguments: list[str]
-) -> None:
+def test_once_prints_the_state(domain: int, agent: Any, simulator: Any) -> None:
+    arguments = ["--namespace", "/else", "--ros-args", "-r", f"__ns:={NAMESPACE}"]
     done = run_once(domain, "--timeout", str(TIMEOUT), *arguments)
     assert (done.returncode, done.stderr) == (0, "")
     assert "robot at /woosh_robot" in done.stdout

@@ -53,11 +53,8 @@ def do_task(client: Any) -> tuple[int, list[Any], list[Any]]:
     status, ret = goal.result(TIMEOUT)
     ends = COMPLETED if status == SUCCEEDED else ret.state.value
     echo.wait(lambda m: m.robot_task_id == TASK and m.state.value == ends)
-    return status, list(goal.feedback.messages), [m for m in echo.messages if _of_task(m)]
-
-
-def _of_task(message: Any) -> bool:
-    return bool(message.robot_task_id == TASK)
+    reports = [m for m in echo.messages if m.robot_task_id == TASK]
+    return status, list(goal.feedback.messages), reports
 
 
 def test_a_recorded_task_is_replayed_identically(

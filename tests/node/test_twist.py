@@ -9,7 +9,6 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from tests.harness import Client, Logs, Robot, wait_future, wait_until
-from tests.node.goals import EXECUTING, slow_down, stop_time, task
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
@@ -83,18 +82,6 @@ def test_velocity_without_a_link_is_refused_and_not_kept(robot: Robot) -> None:
     robot.chassis.wait_received(ROBOT_INFO, 2)
     wait_until(lambda: robot.call(Twist, "robot/Twist").ok)
     assert set(speeds(robot.chassis)) == {0.0}
-
-
-def test_the_end_of_the_agent_does_not_stop_a_task_that_came_after(robot: Robot) -> None:
-    robot.set_motion_timing(driving=3600.0)  # only the task ends the drive
-    assert wait_future(drive(robot, 0.1)).ok
-    slow_down(robot.chassis)
-    client_goal = task(robot)
-    client_goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    stop_time(robot.chassis)
-    robot.agent.close()
-    assert speeds(robot.chassis) == [0.1]
-    assert robot.chassis.state.info.task_proc.state == EXECUTING
 
 
 @pytest.mark.parametrize("linked", [False, True], ids=["without a link", "zero refused"])

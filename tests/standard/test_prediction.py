@@ -42,7 +42,6 @@ CASES = [
         Pose2D(1.0, 2.1, math.pi / 2),
         Velocity(0.5),
     ),
-    Case("along an arc", [(0.0, Pose2D(), ROUND)], 0.3, on_circle(0.3), ROUND),
     Case(
         "turning on the spot over the end of the range of angles",
         [(0.0, Pose2D(1.0, 0.0, math.pi - 0.1), Velocity(0.0, 0.0, 1.0))],
@@ -70,13 +69,6 @@ CASES = [
         0.4,
         Pose2D(0.12),
         Velocity(0.1),
-    ),
-    Case(
-        "slowing down to a stop, without rolling back",
-        [(0.0, Pose2D(), Velocity(0.3)), (0.2, Pose2D(0.04), Velocity(0.1))],
-        0.49,
-        Pose2D(0.045),
-        STANDSTILL,
     ),
     Case(
         "slowing down backwards and in the turn",
@@ -192,7 +184,7 @@ def predict_until(prediction: Prediction, begin: float, end: float) -> list[Pose
     return [prediction.predict(time)[0] for time in times if prediction.can_predict(time)]
 
 
-@pytest.mark.parametrize("late", [0.3, 0.4, 0.5, 1.0])
+@pytest.mark.parametrize("late", [0.3, 1.0])
 @pytest.mark.parametrize(
     ("velocity", "end"),
     [(Velocity(0.5), Pose2D(0.05)), (Velocity(0.0, 0.0, 1.0), Pose2D(0.0, 0.0, 0.05))],

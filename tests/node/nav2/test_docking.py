@@ -73,15 +73,17 @@ def test_the_robot_docks_and_undocks(robot: Robot, logs: Logs) -> None:
     again.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID")
 
 
-@pytest.mark.parametrize("use_dock_id", [True, False])
-def test_the_charger_is_found(robot: Robot, use_dock_id: bool) -> None:
+def test_the_charger_is_found_and_left_even_if_the_robot_charges_no_more(robot: Robot) -> None:
     """Without an id it is the nearest one; a pose stands for the charger near it."""
     here = robot.chassis.state.pose
     mark, x, y = min(chargers(robot), key=lambda each: here.distance(each[1:]))
-    goal = Nav2Client(robot, "dock_robot", use_dock_id=use_dock_id, dock_pose=pose(x + 0.3, y))
-    assert goal.result()[0] == SUCCEEDED
-    (task,) = [each.message for each in robot.chassis.received if type(each.message) is ExecTask]
-    assert task.mark_no == mark
+    for fields in ({"use_dock_id": True}, {"use_dock_id": False, "dock_pose": pose(x + 0.3, y)}):
+        assert Nav2Client(robot, "dock_robot", **fields).result()[0] == SUCCEEDED
+        robot.chassis.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kNot))
+        assert Nav2Client(robot, "undock_robot").result()[0] == SUCCEEDED
+        assert robot.chassis.call(lambda sim: sim.chassis.charger) is None
+    tasks = [each.message for each in robot.chassis.received if type(each.message) is ExecTask]
+    assert [task.mark_no for task in tasks] == [mark] * 2
 
 
 def test_there_is_no_such_charger(robot: Robot) -> None:
@@ -192,28 +194,20 @@ def test_the_way_to_the_charger_takes_too_long(robot: Robot) -> None:
 
 
 def test_a_robot_in_no_charger_is_not_undocked(robot: Robot) -> None:
-    """The chassis might back out of where it is, also on its way to a charger."""
+    """The chassis might back out of where it is, or drive away with the cable of a person."""
+
+    def check() -> None:
+        goal = Nav2Client(robot, "undock_robot")
+        assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
+        assert robot.chassis.counts["woosh.ros.CallAction"] == 0
+
+    batteries = robot.echo(BatteryMsg, "robot/Battery")
+    for plug in (Battery.kManual, Battery.kNot):
+        robot.chassis.call(lambda sim, plug=plug: setattr(sim.chassis.battery, "charging", plug))
+        batteries.wait(lambda each, plug=plug: each.charge_state.value == plug)
+        check()
     slow_down(robot.chassis)
     charge = fill(ExecTaskAction.Goal(), arg={"type": kCharge})
-    robot_task = robot.send_goal(ExecTaskAction, "robot/ExecTask", charge)
-    robot_task.feedback.wait(lambda each: each.state.value == EXECUTING)
-    goal = Nav2Client(robot, "undock_robot")
-    assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
-    assert robot.chassis.counts["woosh.ros.CallAction"] == 0
-
-
-def test_a_robot_that_a_person_has_plugged_in_is_not_undocked(robot: Robot) -> None:
-    """It would drive away with the cable."""
-    batteries = robot.echo(BatteryMsg, "robot/Battery")
-    robot.chassis.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kManual))
-    batteries.wait(lambda each: each.charge_state.value == Battery.kManual)
-    goal = Nav2Client(robot, "undock_robot")
-    assert not goal.wait_aborted("the robot is in no charger", code="DOCK_NOT_VALID").success
-    assert robot.chassis.counts["woosh.ros.CallAction"] == 0
-
-
-def test_a_robot_that_charges_no_more_is_undocked(robot: Robot) -> None:
-    assert Nav2Client(robot, "dock_robot").result()[0] == SUCCEEDED
-    robot.chassis.call(lambda sim: setattr(sim.chassis.battery, "charging", Battery.kNot))
-    assert Nav2Client(robot, "undock_robot").result()[0] == SUCCEEDED
-    assert robot.chassis.call(lambda sim: sim.chassis.charger) is None
+    to_a_charger = robot.send_goal(ExecTaskAction, "robot/ExecTask", charge)
+    to_a_charger.feedback.wait(lambda each: each.state.value == EXECUTING)
+    check()

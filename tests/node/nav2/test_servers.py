@@ -196,34 +196,34 @@ class TestSpeedLimit:
         assert last_sent(speed_limit=0.5) == 0.5
         assert last_sent(speed_limit=1.0) == 0.0, "the highest speed is no limit"
 
-    def test_a_task_gets_it_too(self, robot: Robot, limit: Callable[..., None]) -> None:
-        limit(speed_limit=0.5)
-        running = task(robot)
-        wait_until(lambda: self.sent(robot, ChangeNavMode) == [0.5], "the limit is sent")
-        running.cancel()
-
-    @pytest.mark.parametrize(
-        ("kind", "refused"),
-        [(ChangeNavMode, ""), (CallAction, ""), (CallAction, "woosh.ros.Feedbacks")],
-        ids=["task", "action", "action of which the robot tells nothing"],
-    )
-    def test_one_that_comes_without_a_link_is_sent_when_the_link_is_back(
-        self, robot: Robot, limit: Callable[..., None], kind: type[Any], refused: str
+    def test_a_task_gets_it_too_even_one_that_comes_without_a_link(
+        self, robot: Robot, limit: Callable[..., None]
     ) -> None:
         slow_down(robot.chassis)
-        if refused:
-            robot.chassis.inject("refuse", type=refused)
-        if kind is CallAction:
-            go(robot, 5.0)
-        else:
-            task(robot, mark="A23")
+        limit(speed_limit=0.5)
+        task(robot, mark="A23")
+        wait_until(lambda: self.sent(robot, ChangeNavMode) == [0.5], "the limit is sent")
+        switched_off = robot.chassis.inject("off")
+        robot.wait_lost()
+        limit(speed_limit=0.2)
+        switched_off.clear()
+        wait_until(lambda: self.sent(robot, ChangeNavMode)[-1] == 0.2, "the new limit is sent")
+
+    @pytest.mark.parametrize("told", [True, False], ids=["", "the robot tells nothing of it"])
+    def test_one_that_comes_without_a_link_is_sent_when_the_link_is_back(
+        self, robot: Robot, limit: Callable[..., None], told: bool
+    ) -> None:
+        slow_down(robot.chassis)
+        if not told:
+            robot.chassis.inject("refuse", type="woosh.ros.Feedbacks")
+        go(robot, 5.0)
         wait_until(lambda: not stands(robot.chassis), "the robot drives")
         switched_off = robot.chassis.inject("off")
         robot.wait_lost()
         limit(speed_limit=0.2)
         stop_time(robot.chassis)  # so that no further report comes
         switched_off.clear()
-        wait_until(lambda: self.sent(robot, kind) == [0.2], "the limit is sent")
+        wait_until(lambda: self.sent(robot, CallAction) == [0.2], "the limit is sent")
 
     def test_another_clients_navigation_gets_it_after_a_loss_of_the_link(
         self, robot: Robot, limit: Callable[..., None]
@@ -246,29 +246,19 @@ class TestSpeedLimit:
         wait_until(lambda: self.sent(robot, CallAction) == [0.3] * 2, "the limit is sent")
 
     def test_a_refused_limit_ends_a_navigation(
-        self, robot: Robot, limit: Callable[..., None]
+        self, robot: Robot, limit: Callable[..., None], logs: Logs
     ) -> None:
         """Without its limit, the robot would drive faster than it should."""
         slow_down(robot.chassis)
+        for value in (-1.0, math.nan):
+            limit(speed_limit=value)
+            logs.wait_text(f"speed_limit is ignored, because it is {value:g}")
         limit(speed_limit=0.001)
         go(robot, 5.0).wait_aborted("the robot refused the speed limit of 0.001 m/s")
         assert stands(robot.chassis)
-
-    def test_a_refused_limit_of_another_navigation_is_logged(
-        self, robot: Robot, limit: Callable[..., None], logs: Logs
-    ) -> None:
-        slow_down(robot.chassis)
-        limit(speed_limit=0.001)
+        # one that is not of Nav2 goes on
+        logs.messages.clear()
         goal = move_base(robot, 1.0)
         logs.wait_text("refused the speed limit")
         hurry(robot.chassis)
         assert goal.result()[0] == SUCCEEDED
-
-    def test_a_limit_that_is_none_is_ignored(
-        self, robot: Robot, limit: Callable[..., None], logs: Logs
-    ) -> None:
-        for value in (-1.0, math.nan):
-            limit(speed_limit=value)
-            logs.wait_text(f"speed_limit is ignored, because it is {value:g}")
-        assert go(robot, 0.5).result()[0] == SUCCEEDED
-        assert self.sent(robot, CallAction) == []

@@ -61,7 +61,6 @@ def normal(robot: ScriptedRobot) -> None:
     robot.agent.agent.actions.timing = GoalTiming(poll_period=0.1, unknown_state_poll_factor=0.5)
     chassis = robot.chassis
     chassis.refused.clear()
-    chassis.silent.clear()
     chassis.push(MODE, {"ctrl": 1, "work": 2})
     chassis.push(ROBOT_STATE, IDLE)
     chassis.push(TASK_PROC, empty())

@@ -18,32 +18,20 @@ from tests.node.tasks.scripted_chassis import (
 )
 from woosh_robot_msgs.action import ExecTask
 
-IDLE, TASK, UNINIT = {"state": 2}, {"state": 4}, {"state": 1}
-NAV, STEP, ENTER, QUIT, WAIT, CHARGE = 1, 2, 3, 4, 6, 7
+IDLE, TASK = {"state": 2}, {"state": 4}
+NAV, WAIT = 1, 6
 """Types of an action."""
 RUNS, WARNS, CANCELS, DONE, FAILS, SUSPENDED = 1, 2, 3, 4, 5, 10
 """States of an action."""
 PICK = [(3, NAV, RUNS), (3, NAV, DONE), (5, WAIT, RUNS), (5, WAIT, DONE), (7, WAIT, DONE)]
 SEQUENCES = {
     "pick": PICK,
-    "two waits": [*PICK[:-1], (5, WAIT, RUNS), (5, WAIT, DONE), (7, WAIT, DONE)],
-    "parking": [(3, NAV, RUNS), (3, NAV, DONE), (7, NAV, DONE)],
-    "out of a dock": [(3, QUIT, RUNS), (3, QUIT, DONE), *PICK],
-    "charge": [
-        *((3, action, state) for action in (NAV, ENTER, STEP, STEP) for state in (RUNS, DONE)),
-        *((3, CHARGE, RUNS), (3, CHARGE, DONE), (7, CHARGE, DONE)),
-    ],
     "cancelled": [(3, NAV, RUNS), (3, NAV, CANCELS), (8, NAV, CANCELS)],
     "cancelled in a pause": [
         *((3, NAV, RUNS), (4, NAV, SUSPENDED)),
         *((4, NAV, CANCELS), (8, NAV, CANCELS)),
     ],
-    "paused and resumed": [(3, NAV, RUNS), (4, NAV, SUSPENDED), *PICK],
     "obstacle": [(3, NAV, RUNS), (4, NAV, WARNS), (4, NAV, WARNS), *PICK],
-    "obstacle, cancelled": [
-        *((3, NAV, RUNS), (4, NAV, WARNS)),
-        *((4, NAV, CANCELS), (8, NAV, CANCELS)),
-    ],
     "failed": [(3, NAV, RUNS), (9, NAV, FAILS)],
     "only the end": [(7, NAV, DONE)],
 }

@@ -39,9 +39,8 @@ class ScriptedChassis:
     """A chassis in its own thread. Its methods can be called from the test's thread.
 
     It answers each query with the last value that it pushed, or with an empty one. It answers
-    TaskHistory with the ends of tasks that it pushed or was told by `end_unseen`. Types in
-    `silent` get no answer, and those in `refused` a refusal. Requests for which `expect` has been
-    called wait for `answer`, or run a script.
+    TaskHistory with the ends of tasks that it knows. Types in `refused` get a refusal. Requests for
+    which `expect` has been called wait for `answer`, or run a script.
 
     Attributes:
         port: port of the WebSocket.
@@ -51,7 +50,6 @@ class ScriptedChassis:
     def __init__(self) -> None:
         self.port = 0
         self.requests: list[tuple[str, Body]] = []
-        self.silent: set[str] = set()
         self.refused: set[str] = set()
         self._values: dict[str, Body] = {}
         """The last value of each type."""
@@ -181,8 +179,6 @@ class ScriptedChassis:
                 client.topics[topic] = None  # type: ignore[assignment]
             return
         self.requests.append((name, body))
-        if name in self.silent:
-            return
         if name in self.refused:
             self._answer(client, name, frame["sn"], {}, ok=False, msg="not supported")
         elif name in self._expected:

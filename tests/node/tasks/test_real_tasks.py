@@ -17,8 +17,6 @@ from tests.node.goals import ABORTED, COMPLETED, FAILED, SUCCEEDED, TASK_CANCELE
 from tests.node.tasks.reports import ScriptedRobot, wire
 from tests.node.tasks.scripted_chassis import EXEC_TASK, TASK_PROC, Body, ScriptedChassis
 from woosh_robot_msgs.action import ExecTask
-from woosh_robot_msgs.msg import TaskProc as TaskProcMsg
-from woosh_robot_msgs.srv import ExecPreTask
 
 FACTS = Path(__file__).parents[2] / "facts" / "real_tasks.json"
 TASKS: list[dict[str, Any]] = json.loads(FACTS.read_text("utf-8"))
@@ -118,24 +116,3 @@ def test_goal_ends_as_the_robot_ended_the_task(
 
 def frames(task: dict[str, Any]) -> list[Any]:
     return [frame for frame in task["frames"] if frame[1] in ("answer", "push")]
-
-
-@pytest.mark.parametrize("number", SETS)
-def test_each_report_on_a_set_of_tasks_is_published(robot: ScriptedRobot, number: int) -> None:
-    task = TASKS[number]
-    steps = script(robot.chassis, task)
-    topic = robot.echo(TaskProcMsg, "robot/TaskProc", depth=1000)
-    # the start is known when the last value has arrived, and a push after it
-    robot.chassis.push(TASK_PROC, {"msg": f"start {number}"})
-    topic.wait(lambda message: message.msg == f"start {number}")
-    robot.chassis.expect(EXEC_PRE_TASK, lambda: play(steps))
-    response = robot.call(ExecPreTask, "robot/ExecPreTask")
-    assert (response.ok, response.msg) == (
-        task["refused"] is None,
-        task["refused"] or "Request succeed",
-    )
-    robot.chassis.push(TASK_PROC, {"msg": f"end {number}"})
-    topic.wait(lambda message: message.msg == f"end {number}")
-    texts = [message.msg for message in topic.messages]
-    published = topic.messages[texts.index(f"start {number}") + 1 : texts.index(f"end {number}")]
-    assert [wire(message) for message in published] == reports(task, None)

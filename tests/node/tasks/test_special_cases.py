@@ -15,6 +15,7 @@ from tests.node.tasks.reports import (
     IDS,
     NAV,
     RUNS,
+    TASK,
     ScriptedRobot,
     assert_ended,
     empty,
@@ -36,6 +37,51 @@ from woosh_robot_msgs.action import ExecTask
 STATUS_CODE = "woosh.robot.count.StatusCode"
 
 pytestmark = pytest.mark.usefixtures("normal")
+
+
+# Disturbances of the usual course; test_real_tasks.py has that of real robots
+
+
+@pytest.mark.parametrize(
+    ("sequence", "answer", "noise"),
+    [
+        ("pick", "first", "twice"),
+        ("obstacle", "after the state", "empty before"),
+        ("cancelled", "after a report", "other tasks"),
+        ("failed", "last", "next task"),
+        ("only the end", "never", "none"),
+    ],
+)
+def test_goal_ends_with_the_task(
+    robot: ScriptedRobot, sequence: str, answer: str, noise: str
+) -> None:
+    task_id = next(IDS)
+    pushed = reports(task_id, sequence)
+    if noise == "twice":
+        pushed = [body for body in pushed for _ in range(2)]
+    own = task_id * 100 + 53
+
+    def play() -> None:
+        pushes: list[tuple[str, Body]] = [(ROBOT_STATE, TASK)]
+        if noise == "empty before":
+            pushes += [(TASK_PROC, empty()), (TASK_PROC, empty())]
+        for body in pushed:
+            if noise == "other tasks":
+                pushes += [(TASK_PROC, report(own, (3, NAV, RUNS)))]
+            pushes += [(TASK_PROC, body)]
+        pushes += [(TASK_PROC, empty()), (ROBOT_STATE, IDLE)]
+        if noise == "next task":
+            pushes += [(TASK_PROC, body) for body in reports(own, "pick")]
+        place = {"first": 0, "after the state": 1, "after a report": 2, "last": len(pushes)}
+        for number, push in enumerate([*pushes, None]):
+            if number == place.get(answer):
+                robot.chassis.answer()
+            if push is not None:
+                robot.chassis.push(*push)
+
+    robot.chassis.expect(EXEC_TASK, play)
+    expected = pushed[:-1] if noise == "twice" else pushed  # the goal ends with the first end
+    assert_ended(send(robot, task_id), expected)
 
 
 # No report yet
@@ -63,6 +109,50 @@ def test_a_task_that_the_chassis_forgets_is_given_up(robot: ScriptedRobot) -> No
 
 
 # The end is not seen
+
+
+@pytest.mark.parametrize(
+    ("seen", "told"),
+    [
+        ("an empty report", "by the history"),
+        ("another task", "by nobody"),
+        ("only the state", "by the history"),
+        ("nothing", "by nobody"),
+    ],
+)
+def test_an_end_that_was_not_seen_is_noticed(robot: ScriptedRobot, seen: str, told: str) -> None:
+    task_id = next(IDS)
+    first, *_, end = reports(task_id, "pick")
+    goal = robot.start(task_id, first)
+
+    def finish() -> None:
+        robot.chassis.keep(TASK_PROC, end)
+        if told == "by nobody":
+            robot.chassis.forget_history()
+        now = report(task_id * 100 + 53, (3, NAV, RUNS)) if seen == "another task" else empty()
+        is_pushed = seen in ("an empty report", "another task")
+        (robot.chassis.push if is_pushed else robot.chassis.keep)(TASK_PROC, now)
+        if seen != "nothing":
+            robot.chassis.push(ROBOT_STATE, IDLE)
+
+    robot.chassis.at_once(finish)
+    if told == "by the history":
+        assert_ended(goal, [first, end])
+    else:
+        assert goal.wait_aborted("does not know the task any more").state.value == FAILED
+
+
+def test_an_end_without_a_link_is_noticed_after_the_reconnect(robot: ScriptedRobot) -> None:
+    task_id = next(IDS)
+    first, *_, end = reports(task_id, "pick")
+    goal = robot.start(task_id, first)
+
+    def meanwhile() -> None:
+        robot.chassis.keep(TASK_PROC, end)
+        robot.chassis.keep(TASK_PROC, empty())
+
+    robot.reconnect(meanwhile)
+    assert_ended(goal, [first, end])
 
 
 def test_an_empty_report_makes_the_agent_ask_at_once(robot: ScriptedRobot) -> None:
@@ -157,9 +247,16 @@ def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(
 # Cancelled by the client
 
 
-@pytest.mark.parametrize("order", ["answer first", "reports first", "answer lost", "end not seen"])
-@pytest.mark.parametrize("paused", [False, True])
-def test_a_cancel_by_the_client(robot: ScriptedRobot, paused: bool, order: str) -> None:
+@pytest.mark.parametrize(
+    ("order", "paused"),
+    [
+        ("answer first", False),
+        ("reports first", True),
+        ("answer lost", False),
+        ("end not seen", True),
+    ],
+)
+def test_a_cancel_by_the_client(robot: ScriptedRobot, order: str, paused: bool) -> None:
     task_id = next(IDS)
     expected = reports(task_id, "cancelled in a pause" if paused else "cancelled")
     *before, cancels, end = expected

@@ -18,6 +18,7 @@ from tests.node.goals import (
     FAILED,
     SUCCEEDED,
     TASK_CANCELED,
+    task_set,
 )
 from tests.node.tasks.reports import IDLE, TASK, ScriptedRobot, empty, wire
 from tests.node.tasks.scripted_chassis import (
@@ -28,7 +29,6 @@ from tests.node.tasks.scripted_chassis import (
     ScriptedChassis,
 )
 from tests.node.tasks.test_real_tasks import EXEC_PRE_TASK, SETS, TASKS, play, reports, script
-from tests.node.test_task_sets import send
 
 pytestmark = pytest.mark.usefixtures("normal")
 SET = 1719959961
@@ -51,7 +51,7 @@ def started(robot: ScriptedRobot) -> GoalClient:
     chassis = robot.chassis
     asked = chassis.count(EXEC_PRE_TASK)
     chassis.expect(EXEC_PRE_TASK, chassis.answer)
-    goal = send(robot, SET)
+    goal = task_set(robot, SET)
     assert chassis.wait_request(EXEC_PRE_TASK, asked + 1)["taskSetId"] == SET
     chassis.push(ROBOT_STATE, TASK)
     chassis.push(TASK_PROC, proc(1, EXECUTING))
@@ -107,7 +107,7 @@ def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(
     assert goal.result()[0] == SUCCEEDED
     robot.set_goal_timing(first_report_timeout=0.3, poll_period=0.1)
     robot.chassis.expect(EXEC_PRE_TASK, robot.chassis.answer)
-    send(robot, SET).wait_aborted("does not execute the task set any more")
+    task_set(robot, SET).wait_aborted("does not execute the task set any more")
 
 
 def test_a_set_that_has_not_begun_does_not_end_as_before_although_the_time_is_unknown(
@@ -210,7 +210,7 @@ def test_recorded_sets_of_a_real_robot(robot: ScriptedRobot, number: int) -> Non
     ]
 
     robot.chassis.expect(EXEC_PRE_TASK, lambda: play(steps))
-    goal = send(robot, number)
+    goal = task_set(robot, number)
     goal.feedback.wait_count(len(expected))
     assert [wire(fb) for fb in goal.feedback.messages] == expected
     if recorded["refused"]:
