@@ -118,7 +118,7 @@ def test_a_set_that_has_not_begun_does_not_end_as_before_although_the_time_is_un
     chassis.push(TASK_PROC, {**empty(), "time": 0})
     asked = chassis.count(EXEC_PRE_TASK)
     chassis.expect(EXEC_PRE_TASK, chassis.answer)
-    goal = send(robot, SET)
+    goal = task_set(robot, SET)
     chassis.wait_request(EXEC_PRE_TASK, asked + 1)
     chassis.wait_request(TASK_HISTORY, chassis.count(TASK_HISTORY) + 4)
     assert not goal.done
