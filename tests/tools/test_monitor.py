@@ -17,7 +17,6 @@ import pytest
 from rich.console import Console
 
 from tests.tools.programs import HOSTILE, TIMEOUT, address, end, harmless, run, start
-from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
@@ -193,21 +192,6 @@ def test_texts_of_the_robot_cannot_control_the_terminal():
     assert "[red]x[/red]" in text
 
 
-@pytest.mark.parametrize(
-    ("enum", "number", "text"),
-    [
-        (robot.WorkMode, robot.kTaskMode, "task"),
-        (robot.State, robot.kStateUndefined, "unknown"),
-        (robot.State, 77, "77"),
-        (action.State, action.kRosExecuting, "executing"),
-        (action.Type, action.kSecondposEnter, "secondpos enter"),
-        (ros_pack_pb2.State, ros_pack_pb2.kRosExecuteFailed, "execute failed"),
-    ],
-)
-def test_enum_values_are_shown_as_words(enum, number, text):
-    assert enum_name(enum, number) == text
-
-
 # The program
 
 
@@ -300,13 +284,6 @@ def test_terminal_follows_the_robot_and_its_link_until_q(terminal, chassis):
     terminal.wait("would be rejected")
     assert set(chassis.counts) == {"woosh.Subscription", "woosh.robot.RobotInfo"}
     terminal.press("q")
-    assert terminal.wait_end() == 0
-    assert "Traceback" not in terminal.text
-
-
-def test_ctrl_c_ends_it_on_a_terminal(terminal):
-    terminal.wait("q quits")
-    terminal.process.send_signal(signal.SIGINT)
     assert terminal.wait_end() == 0
     assert "Traceback" not in terminal.text
 
