@@ -264,6 +264,15 @@ def test_a_hint_has_the_given_port_and_transport(run_here: RunHere, tmp_path: Pa
     assert {record.kind for record in records if isinstance(record, Event)} <= {"refused"}
 
 
+def test_record_of_a_program_that_is_no_robot_fails(run_here: RunHere, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        port = silent.getsockname()[1]
+        arguments = ["--ip", f"127.0.0.1:{port}", "--transport", "tcp", "--duration", "0.5"]
+        status, _, err = run_here(record.main, *arguments, "--output", str(tmp_path / "a.mcap"))
+    assert status == 1
+    assert f"error: no robot answered at tcp://127.0.0.1:{port}: " in err
+
+
 def test_record_does_not_overwrite_a_file(run_here: RunHere, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("mine")
@@ -413,6 +422,7 @@ def test_replay_without_a_recording_fails(tmp_path, capsys):
         ("doctor", ["--ip", "x", "--survey", "new", "--minutes", "two"]),
         ("doctor", ["--ip", "x", "--survey", "new", "--minutes", "601"]),
         ("monitor", ["--timeout", "nan"]),
+        ("maps", ["list"]),
         ("maps", ["--ip", "127.0.0.1"]),
         ("maps", ["--ip", "127.0.0.1", "upload", "a", "b", "--scene", "c"]),
         ("maps", ["--ip", "127.0.0.1", "upload", "a", "--scene", ""]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,10 +70,6 @@ class Served(NamedTuple):
 
     robots: list[RobotThread]
     url: str
-
-    def silent(self) -> AbstractContextManager[None]:
-        """Keep the dashboard from doing anything; the connections stay open."""
-        return self.robots[0].silent()
 
 
 Serve = Callable[..., Served]

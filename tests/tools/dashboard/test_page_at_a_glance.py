@@ -184,20 +184,6 @@ def test_the_line_below_the_map_names_the_map_where_there_is_room(browser: Brows
         eventually(lambda: browser.text("#pointed") == name, "the map again")
 
 
-def test_the_greatest_speed_and_the_speed_are_seen_at_the_stick(
-    robot: SimulatedPage, browser: Browser
-) -> None:
-    assert "Hold the stick to drive, up to 0.50 m/s." in browser.text("#now")
-    eventually(lambda: browser.script("connection.command('speedLimit', {limit: 0.2})")["ok"], "it")
-    eventually(lambda: "up to 0.20 m/s. Speed limit: 0.2 m/s." in browser.text("#now"), "the limit")
-    browser.drive(robot)
-    size = "parseFloat(getComputedStyle(document.querySelector('#now .speed')).fontSize)"
-    assert browser.text("#now .speed").endswith(" m/s")
-    assert browser.script(size) >= 20
-    browser.release()
-    eventually(lambda: "Hold the stick" in browser.text("#now"), "the hint again")
-
-
 _TELL = """
 globalThis.told = [];
 new MutationObserver((records) => {

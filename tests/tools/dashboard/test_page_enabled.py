@@ -234,7 +234,9 @@ def test_the_dock_says_what_the_banner_says(robot: SimulatedPage, browser: Brows
         eventually(lambda: "Press a place" in browser.text("#now"), "the end of the fault")
 
 
-def test_what_is_off_says_why(robot: SimulatedPage, browser: Browser) -> None:
+def test_the_dock_says_what_drives_and_what_is_off_says_why(
+    robot: SimulatedPage, browser: Browser
+) -> None:
     def with_change(name: str, change: str, shown: str) -> Any:
         """Return the value of an expression after a change of what the robot has reported."""
         changed = f"store.{name}.value = {{...store.{name}.value, {change}}}"
@@ -252,6 +254,9 @@ def test_what_is_off_says_why(robot: SimulatedPage, browser: Browser) -> None:
     assert browser.is_enabled("#park")
     why = "document.querySelector('#no-parking').innerText"
     assert "no parking place" in with_change("map", "marks: []", why)
+    for name, title in (("strafe", "Driven by strafe"), ("unknown", "Ready"), ("nobody", "Ready")):
+        driver = f"driver: {{name: '{name}', detail: ''}}"
+        assert with_change("control", driver, "document.querySelector('#now b').innerText") == title
     busy = "state: 'task', task: null, objections: [{name: 'busy'}]"
     accepted = with_change("robot", busy, "now.innerText")
     assert "executing a task" in accepted

@@ -264,6 +264,7 @@ def test_a_slow_stick_drives_at_a_third_also_after_a_reload(
         assert browser.script(f"{slow}.ariaPressed") == "true"
         eventually(lambda: "up to 0.17 m/s" in browser.text("#now"), "the hint")
         browser.drive(robot)
+        assert browser.text("#now .speed").endswith(" m/s")
         assert 0.0 < fastest() <= 0.17
         browser.release()
     browser.press("#keyboard")

@@ -379,7 +379,7 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
         assert window.element("#alarm").rect["height"] < 48
         assert window.script("((each) => each.scrollWidth <= each.clientWidth)(alarm)")
 
-    with served.silent():
+    with first.silent():
         eventually(lambda: "No answer from" in window.text("#link"), "the silence")
         check("dashboard silent")
         window.element("#stop").click()

@@ -154,26 +154,6 @@ def test_forced_colours_and_less_motion_are_respected(robot: SimulatedPage, open
     eventually(lambda: browser.script(knob) != on, "the stick that is off")
 
 
-_TITLE = """(async () => {
-  const changed = () => new Promise((done) => setTimeout(() => requestAnimationFrame(done)));
-  const {control} = store;
-  control.value = {...control.value, driver: {name: %s, detail: ""}};
-  await changed();
-  return document.querySelector("#now b").textContent;
-})()"""
-"""Lets something drive the robot; returns what the dock then shows."""
-
-
-def test_the_dock_says_what_drives_a_robot_without_a_task(
-    robot: SimulatedPage, opened: Opened
-) -> None:
-    browser = opened(robot.url, 1440, 900)
-    assert browser.text("#now b") == "Ready"
-    assert browser.script(_TITLE % "'strafe'") == "Driven by strafe"
-    assert browser.script(_TITLE % "'unknown'") == "Ready"
-    assert browser.script(_TITLE % "'nobody'") == "Ready"
-
-
 def test_the_state_is_the_largest_text_and_its_edge_tells_what_is_wrong(
     robot: SimulatedPage, opened: Opened
 ) -> None:
