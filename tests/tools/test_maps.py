@@ -293,7 +293,9 @@ def test_marks_are_those_of_the_map_and_not_of_a_copy(run: Run, tmp_path: Path) 
     assert mark.identity.no == "N1"
 
 
-def test_nothing_is_overwritten_without_force(run: Run, wire: JsonClient, tmp_path: Path) -> None:
+def test_nothing_is_overwritten_without_force_and_no_other_folder_with_it(
+    run: Run, tmp_path: Path
+) -> None:
     assert run("download", "scenex")[0] == 0
     before = tree(tmp_path)
     status, out, err = run("download")
@@ -305,15 +307,13 @@ def test_nothing_is_overwritten_without_force(run: Run, wire: JsonClient, tmp_pa
     assert "the robot has a scene scenex already: use --force" in err
     assert run("download", "--force")[0] == 0
     assert run("upload", "scenex", "--force")[0] == 0
-
-
-def test_a_folder_of_other_things_is_not_replaced_even_with_force(run: Run, tmp_path: Path) -> None:
+    shutil.rmtree(tmp_path / "scenex")
     (tmp_path / "scenex").mkdir()
     (tmp_path / "scenex" / "thesis.txt").write_text("mine")
     status, _, err = run("download", "scenex", "--force")
     assert status == 1
     assert "scenex is not a saved scene and is not replaced" in err
-    assert tree(tmp_path) == {"scenex/thesis.txt": b"mine"}
+    assert tree(tmp_path / "scenex") == {"thesis.txt": b"mine"}
 
 
 def test_names_from_the_robot_are_never_paths(run, chassis, tmp_path):

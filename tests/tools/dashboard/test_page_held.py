@@ -279,30 +279,3 @@ def test_a_slow_stick_drives_at_a_third_also_after_a_reload(
     browser.drive(robot)
     eventually(lambda: fastest() > 0.3, "the full speed")
     browser.release()
-
-
-def test_the_switches_at_the_stick_keep_their_places_when_the_control_changes(
-    browser: Browser,
-) -> None:
-    places = """["#keyboard", "#slow"].map((selector) =>
-      JSON.stringify(document.querySelector(selector).getBoundingClientRect()))"""
-    cut = """[...document.querySelectorAll(".owner > *")].filter((each) => each.offsetWidth > 1 &&
-      (each.scrollWidth > each.clientWidth || each.scrollHeight > each.clientHeight + 2))
-      .map((each) => each.outerHTML)"""
-
-    def look() -> list[Any]:
-        """Check that nothing is cut; return where the switches are on screens of several sizes."""
-        found = []
-        for size in ((320, 568), (360, 640), (1024, 768), (844, 390)):
-            browser.resize(*size)
-            assert browser.script(cut) == [], size
-            found.append(browser.script(places))
-        return found
-
-    former = look()
-    browser.script("connection.command('speedLimit', {limit: null})")
-    eventually(lambda: browser.elements("#release"), "the control")
-    assert look() == former
-    browser.press("#release")
-    eventually(lambda: browser.text("#owner") == "Nobody has control", "the release")
-    assert look() == former

@@ -63,6 +63,13 @@ _CUT = """[
 ].filter((each) => each.checkVisibility() && !each.matches(".hidden")).map((each) => each.outerHTML)
 """
 """Lists what cannot be read in full of the bar, the alarm and the kind of a task."""
+_SWITCHES = """[
+  ["#keyboard", "#slow"].map((selector) =>
+    JSON.stringify(document.querySelector(selector).getBoundingClientRect())),
+  [...document.querySelectorAll(".owner > *")].filter((each) => each.offsetWidth > 1 &&
+    (each.scrollWidth > each.clientWidth || each.scrollHeight > each.clientHeight + 2))
+    .map((each) => each.outerHTML)]"""
+"""Places of the switches at the stick, and what cannot be read beside them."""
 _LOOK = f"[{_PLACES}, {_COVERED}, {_CUT}, document.documentElement.scrollWidth]"
 
 
@@ -308,7 +315,9 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
     window.driver.execute_script(_OBSERVE)
     places: dict[tuple[int, int], Any] = {}
 
-    def check(state: str, also: Callable[[], None] = lambda: None) -> None:
+    switches: dict[tuple[int, int], Any] = {}
+
+    def check(state: str, also: Callable[[tuple[int, int]], None] = lambda _: None) -> None:
         for selector in ("#stop", "#stick"):
             seen = window.script(f"[...boxes['{selector}']]")
             assert len(seen) == 1, (state, selector, seen)
@@ -319,19 +328,22 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
             assert (covered, width) == ([], size[0]), (state, size)
             if number > 1 or size != (1024, 768):  # there, the name of one robot leaves less room
                 assert cut == [], (state, size)
-            also()
+            also(size)
         window.script("Object.values(boxes).forEach((each) => each.clear())")
         window.wait_for_frame()
 
-    def stop_is_large() -> None:
+    def stop_is_large_and_switches_stay(size: tuple[int, int]) -> None:
         box = window.element("#stop").rect
         assert box["height"] >= 64
         assert box["width"] >= 98
+        found, cut = window.script(_SWITCHES)
+        assert switches.setdefault(size, found) == found, size
+        assert cut == [], size
 
     assert window.script("document.querySelector('#robots') !== null") == (number > 1)
     shown = "30001" if number > 1 else ""
     eventually(lambda: window.text("#stop small") == shown, "the robot that STOP stops")
-    check("standing", stop_is_large)
+    check("standing", stop_is_large_and_switches_stay)
     other = first.enter(page(served.url))
     first.run(other.command("pause"))
     eventually(lambda: window.text("#owner").startswith("Viewer "), "the other owner")
@@ -343,7 +355,7 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
     hold_stick(window, lambda: window.text("#owner") == "You have control", 30, 0)
     assert window.element("#release").is_displayed()
     window.touch("touchEnd")
-    check("control taken")
+    check("control taken", stop_is_large_and_switches_stay)
     window.script(
         "store.answer.value = {ok: false, time: 0, robot: store.address.value,"
         " text: {key: 'reason.said', values: {text: 'a long reason '.repeat(30)}}}",
@@ -377,7 +389,7 @@ def test_nothing_moves_or_covers_the_stick_and_stop(
     check("emergency stop")
     first.set_emergency_stop(False)
 
-    def alarm_has_one_line() -> None:
+    def alarm_has_one_line(_: object = None) -> None:
         assert window.element("#alarm").rect["height"] < 48
         assert window.script("((each) => each.scrollWidth <= each.clientWidth)(alarm)")
 
