@@ -7,7 +7,6 @@ import os
 import pty
 import re
 import select
-import signal
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -293,5 +292,5 @@ def test_without_a_terminal_the_view_is_printed_repeatedly(chassis):
         pictures = 0
         while pictures < 3:
             pictures += "would be accepted" in process.stdout.readline()
-        status, _, err = end(process, signal.SIGTERM)
+        status, _, err = end(process)
     assert (status, err) == (0, "")

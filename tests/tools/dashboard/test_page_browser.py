@@ -140,6 +140,12 @@ def test_a_task_has_the_kind_and_the_direction_that_were_chosen(
     sent = last(robot, ExecTask)
     assert (sent.mark_no, sent.type) == ("K10", task.kPick)
     assert sent.direction == task.kDirectionUndefined
+    browser.press(".doing #cancel")
+    browser.press("#charge")
+    eventually(lambda: "C1" in browser.text("#now"), "the charger")
+    go(browser)
+    sent = last(robot, ExecTask)
+    assert (sent.mark_no, sent.type) == ("C1", task.kCharge)
 
 
 def test_what_is_begun_while_an_answer_is_awaited_is_not_forgotten_with_it(
@@ -167,6 +173,16 @@ def test_a_double_click_sends_one_task(robot: SimulatedPage, browser: Browser) -
     browser.actions().double_click(browser.element("#go")).perform()
     eventually(lambda: "To A2" in browser.text("#now"), "the task")
     assert count_tasks(robot) == 1
+    # while the answer is pending, later clicks send none either, and the page says so
+    browser.press(".doing #cancel")
+    for fault in ("refuse", "lose_answer"):
+        robot.inject(fault, type=full_name(ExecTask))
+    browser.press("#marks li:nth-child(1) button")
+    refusal = "the robot has not answered the former command"
+    eventually(lambda: browser.press("#go") or refusal in browser.text("#answer"), "refusal")
+    assert not browser.is_enabled("#go")
+    assert refusal in browser.text("#now")
+    assert count_tasks(robot) == 2
 
 
 def test_the_pose_is_shown_with_the_laser_before_it_is_told(

@@ -58,9 +58,12 @@ def test_one_of_two_operators_drives_and_both_may_stop(
     robot: SimulatedPage, browser: Browser
 ) -> None:
     other = robot.enter(page(robot.url))
-    robot.run(other.command("pause"))
+    set_speed(robot, 0.05)
+    robot.run(other.give("goMark", mark="A2"))
     name = other.parts["hello"]["you"]
     eventually(lambda: browser.text("#owner") == f"Viewer {name} has control", "the owner")
+    eventually(lambda: browser.elements(".doing #pause"), "the task")
+    assert not browser.is_enabled(".doing #pause")
     assert "off" in browser.element("#stick").get_attribute("class").split()
     browser.push_stick()
     eventually(lambda: "has control: wait" in browser.text("#answer"), "the refusal")
@@ -68,6 +71,7 @@ def test_one_of_two_operators_drives_and_both_may_stop(
     assert robot.counts[full_name(Twist)] == 0
     browser.press("#stop")  # everybody may
     eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
+    set_speed(robot, 1.0)
     robot.run(other.send(do="release"))
     eventually(lambda: "Nobody" in browser.text("#owner"), "the end of the other's control")
     browser.drive(robot)
@@ -85,9 +89,12 @@ def test_one_of_two_operators_drives_and_both_may_stop(
 def test_a_robot_that_freezes_is_noticed_while_it_drives(
     robot: SimulatedPage, browser: Browser
 ) -> None:
+    browser.show("setup")
+    eventually(lambda: browser.is_enabled("#mute"), "the setting")
     browser.drive(robot)
     robot.inject("freeze")
     eventually(lambda: "No data for" in browser.text("#link"), "the silence")
+    assert not browser.is_enabled("#mute")
     assert "last known state" in browser.text("#notice")
     assert "m/s" not in browser.text("#now")
     assert browser.script("store.held.value === null")

@@ -181,6 +181,19 @@ async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
         await viewer.until(lambda parts: parts["fleet"][1]["silence"] > 0)
 
 
+async def test_a_card_that_cannot_be_made_is_logged_and_not_shown_as_live(
+    chassis: SimulatorThread, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail() -> None:
+        raise RuntimeError("there is no order")
+
+    async with dashboard(chassis) as running, page(running) as viewer:
+        await viewer.ready()
+        running.robots[0].order = fail
+        await eventually(lambda: "there is no order" in caplog.text)
+        await viewer.until(lambda parts: parts["link"]["state"] == "failed")
+
+
 async def test_who_may_look_gives_no_command(chassis: SimulatorThread) -> None:
     async with dashboard(chassis, control=True, host="0.0.0.0") as running:
         port = place(running).rpartition(":")[2]

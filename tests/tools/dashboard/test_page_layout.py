@@ -520,6 +520,20 @@ _HIDDEN = """(selector) => {
   ).map((each) => JSON.stringify(each));
 }"""
 """Lists the lines of an element's text that something lies over."""
+_ABOVE_HANDLE = """(() => {
+  const panel = document.querySelector(".panel");
+  const [top, handle] = [panel, panel.querySelector(".handle")]
+    .map((each) => each.getBoundingClientRect().top);
+  const found = new Set();
+  for (let y = top + 2; y < handle; y += 4) {
+    for (let x = 2; x < innerWidth; x += 8) {
+      const [first] = document.elementsFromPoint(x, y).filter((each) => panel.contains(each));
+      if (first?.closest("#panel")) found.add(first.outerHTML);
+    }
+  }
+  return [...found];
+})()"""
+"""Lists what is seen of the panel's content between its top and the handle, but for the notices."""
 _UNDER_NOTICES = """(selector) => {
   const {x, y, width, height} = document.querySelector(selector).getBoundingClientRect();
   return document.elementFromPoint(x + width / 2, y + height / 2).closest(".notices") !== null;
@@ -552,6 +566,12 @@ def test_an_open_sheet_hides_neither_an_alarm_nor_what_is_wrong(
         eventually(
             lambda size=size: not window.script(f"({_UNDER_NOTICES})('{size}')"), "the handle"
         )
+        if larger:
+            window.press("#tab-setup")
+            window.script("document.querySelector('.panel').scrollTo(0, 9999)")
+            assert window.script("document.querySelector('.panel').scrollTop > 50")
+            eventually(lambda: window.script(_ABOVE_HANDLE) == [], "nothing above the handle")
+            window.press("#tab-tasks")
         robot.set_emergency_stop(False)
         eventually(lambda: not window.text("#notice"), "the end of the banner")
         eventually(lambda begin=begin: window.script(top) == begin, "the former place")

@@ -423,11 +423,17 @@ def test_two_robots_look_as_stored(serve: Serve, opened: Opened, tmp_path: Path)
     browser = opened(serve_two_robots(serve), 1440, 900)
     show_two_robots(browser)
     check_picture(browser, "two", tmp_path)
+    browser.script(_GO)
+    eventually(lambda: "moves" in browser.text("#fleet .card"), "which robot moves")
+    browser.press("#fleet li:nth-child(2) button")
+    eventually(lambda: browser.script("document.title").startswith("30002 "), "the other robot")
+    assert browser.text("#robots option[value='0']").endswith("moves")
 
 
 def serve_two_robots(serve: Serve) -> str:
     """Serve a page for two robots at different places; return its address."""
     served = serve({}, {"robot_id": 30002})
+    set_speed(served.robots[0], 0.2)  # on a busy machine, a task would end too early
     place = Pose(-6.0, 2.0, 0.0)
     served.robots[1].call(lambda simulator: simulator.chassis.base.place(place))
     return served.url
