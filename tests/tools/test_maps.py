@@ -8,9 +8,9 @@ import json
 import math
 import os
 import pty
+import re
 import shlex
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -102,22 +102,17 @@ def copy(source: socket.socket, target: socket.socket, limit: float = math.inf) 
             target.sendall(data)
 
 
-def test_list_shows_all_scenes_and_the_current_map(run: Run) -> None:
+def test_list_shows_all_scenes_and_the_current_map(run, chassis, capsys):
     status, out, err = run("list")
     assert (status, err) == (0, "")
     lines = [line.split() for line in out.splitlines()]
     assert lines[0] == ["SCENE", "MAP", "ID", "FLOOR", "VERSION", "MARKS"]
     assert lines[1] == ["wooshmap", "wooshmap", "3", "1F", "147", "11", "(current)"]
     assert [line[:2] for line in lines[2:]] == [["scenex", "scenex"], ["scenex", "scenex2"]]
-    status, out, _ = run("list", "--json")
-    rows = json.loads(out)
+    assert main(["list", *address(chassis), "--json"]) == 0  # in any order
+    rows = json.loads(capsys.readouterr().out)
     assert [row["map"] for row in rows if row["current"]] == ["wooshmap"]
     assert rows[1]["marks"] == 11
-
-
-def test_options_of_the_link_may_come_after_the_command(chassis, capsys):
-    assert main(["list", *address(chassis)]) == 0
-    assert "scenex2" in capsys.readouterr().out
 
 
 def test_download_saves_all_scenes(run: Run, wire: JsonClient, tmp_path: Path) -> None:
@@ -139,19 +134,19 @@ def test_download_saves_all_scenes(run: Run, wire: JsonClient, tmp_path: Path) -
     }
 
 
-@pytest.mark.parametrize("scene", ["wooshmap", "lab"])
-def test_saved_map_is_that_of_the_topic_map(run, wire, tmp_path, scene):
+def test_saved_map_is_that_of_the_topic_map(run, wire, tmp_path):
     upload_lab(wire)
-    run("download", scene)
-    (area,) = wire.ask("woosh.map.SceneData", {"name": scene})["maps"]
-    file = tmp_path / scene / "nav2" / f"{area['name']}.yaml"
-    description = yaml.safe_load(file.read_text())
-    assert description["resolution"] == pytest.approx(area["resolution"], rel=1e-7)
-    origin = [area["origin"][key] for key in ("x", "y", "theta")]
-    assert description["origin"] == pytest.approx(origin, rel=1e-7)
-    width, height, cells = cells_of((file.parent / description["image"]).read_bytes())
-    read = load_scene(file).maps[0].grid  # by the rules of map_server
-    assert np.array_equal(np.array(cells, np.int8).reshape(height, width), read.cells)
+    for scene in ("wooshmap", "lab"):
+        run("download", scene)
+        (area,) = wire.ask("woosh.map.SceneData", {"name": scene})["maps"]
+        file = tmp_path / scene / "nav2" / f"{area['name']}.yaml"
+        description = yaml.safe_load(file.read_text())
+        assert description["resolution"] == pytest.approx(area["resolution"], rel=1e-7)
+        origin = [area["origin"][key] for key in ("x", "y", "theta")]
+        assert description["origin"] == pytest.approx(origin, rel=1e-7)
+        width, height, cells = cells_of((file.parent / description["image"]).read_bytes())
+        read = load_scene(file).maps[0].grid  # by the rules of map_server
+        assert np.array_equal(np.array(cells, np.int8).reshape(height, width), read.cells)
 
 
 def test_coloured_picture_is_saved_in_the_shades_of_the_topic_map(run, chassis, tmp_path):
@@ -267,19 +262,6 @@ def test_edited_marks_come_to_the_robot(run: Run, wire: JsonClient, tmp_path: Pa
     wire.ask("woosh.robot.ExecTask", {"taskId": "1", "type": 1, "markNo": "A1"})
 
 
-def test_marks_come_to_a_map_without_a_file_of_marks(run, wire, tmp_path):
-    run("download", "wooshmap")
-    (tmp_path / "wooshmap" / "wooshmap" / "mark_info.data").unlink()
-
-    def change(marks: list[dict[str, Any]]) -> None:
-        marks[:] = [{"number": "N1", "pose": [3, 4, 0]}]
-
-    edit(tmp_path / "wooshmap" / "marks" / "wooshmap.yaml", change)
-    assert run("upload", "wooshmap", "--force")[0] == 0
-    (area,) = wire.ask("woosh.map.SceneData")["maps"]
-    assert [each["identity"]["no"] for each in area["markInfo"]["storages"]] == ["N1"]
-
-
 def test_marks_in_an_unknown_format_are_not_for_editing(tmp_path):
     data = SceneData(name="hall")
     data.maps.add(name="hall").mark_info.storages.add().identity.no = "A"
@@ -289,26 +271,31 @@ def test_marks_in_an_unknown_format_are_not_for_editing(tmp_path):
         assert read_scene(tmp_path / "hall").files == files
 
 
-def test_marks_are_those_of_the_map_and_not_of_a_copy_in_a_folder(run: Run, tmp_path: Path) -> None:
+def test_marks_are_those_of_the_map_and_not_of_a_copy(run: Run, tmp_path: Path) -> None:
     assert run("download", "wooshmap")[0] == 0
     folder = tmp_path / "wooshmap"
+    marks = folder / "marks" / "wooshmap.yaml"
     shutil.copytree(folder / "wooshmap", folder / "copy" / "wooshmap")
-    edit(folder / "marks" / "wooshmap.yaml", lambda marks: marks.clear())
-    files = read_scene(folder).files
-    assert not MarkInfo.FromString(files["wooshmap/mark_info.data"]).storages
-    assert MarkInfo.FromString(files["copy/wooshmap/mark_info.data"]).storages
-
-
-def test_copy_of_a_file_of_marks_is_told_from_the_marks_of_a_map(run: Run, tmp_path: Path) -> None:
-    assert run("download", "wooshmap")[0] == 0
-    marks = tmp_path / "wooshmap" / "marks"
-    shutil.copy(marks / "wooshmap.yaml", marks / "old.yaml")
+    shutil.copy(marks, folder / "marks" / "old.yaml")
     status, _, err = run("upload", "wooshmap", "--force")
     assert status == 1
     assert "remove wooshmap/marks/old.yaml: there is no such map" in err
+    (folder / "marks" / "old.yaml").unlink()
+    edit(marks, lambda marks: marks.clear())
+    files = read_scene(folder).files
+    assert not MarkInfo.FromString(files["wooshmap/mark_info.data"]).storages
+    assert MarkInfo.FromString(files["copy/wooshmap/mark_info.data"]).storages
+    # they also come to a map without a file of marks
+    (folder / "wooshmap" / "mark_info.data").unlink()
+    edit(marks, lambda marks: marks.append({"number": "N1", "pose": [3, 4, 0]}))
+    files = read_scene(folder).files
+    (mark,) = MarkInfo.FromString(files["wooshmap/mark_info.data"]).storages
+    assert mark.identity.no == "N1"
 
 
-def test_nothing_is_overwritten_without_force(run: Run, wire: JsonClient, tmp_path: Path) -> None:
+def test_nothing_is_overwritten_without_force_and_no_other_folder_with_it(
+    run: Run, tmp_path: Path
+) -> None:
     assert run("download", "scenex")[0] == 0
     before = tree(tmp_path)
     status, out, err = run("download")
@@ -320,15 +307,13 @@ def test_nothing_is_overwritten_without_force(run: Run, wire: JsonClient, tmp_pa
     assert "the robot has a scene scenex already: use --force" in err
     assert run("download", "--force")[0] == 0
     assert run("upload", "scenex", "--force")[0] == 0
-
-
-def test_a_folder_of_other_things_is_not_replaced_even_with_force(run: Run, tmp_path: Path) -> None:
+    shutil.rmtree(tmp_path / "scenex")
     (tmp_path / "scenex").mkdir()
     (tmp_path / "scenex" / "thesis.txt").write_text("mine")
     status, _, err = run("download", "scenex", "--force")
     assert status == 1
     assert "scenex is not a saved scene and is not replaced" in err
-    assert tree(tmp_path) == {"scenex/thesis.txt": b"mine"}
+    assert tree(tmp_path / "scenex") == {"thesis.txt": b"mine"}
 
 
 def test_names_from_the_robot_are_never_paths(run, chassis, tmp_path):
@@ -339,12 +324,13 @@ def test_names_from_the_robot_are_never_paths(run, chassis, tmp_path):
             response.file_datas.add(name=name, data=name.encode())
 
     edit_bodies(chassis, DownloadResponse, add)
+    edit_bodies(chassis, SceneData, lambda data: setattr(data.maps[0], "name", "../../evil"))
     output = tmp_path / "a" / "b"
-    status, _, err = run("download", "wooshmap", "--output", str(output))
-    assert (status, err) == (0, "")
+    assert run("download", "wooshmap", "--output", str(output))[0] == 0
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
     assert [path.name for path in output.iterdir()] == ["wooshmap"]
     folder = output / "wooshmap"
+    assert (folder / "nav2" / "%2E.%2F..%2Fevil.png").is_file()
     saved = {content.decode(errors="replace"): path for path, content in tree(folder).items()}
     assert [saved[name].count("/") for name in names] == [int(name == "a/b.png") for name in names]
     # They go back under their own names, which this robot refuses if they are paths.
@@ -352,13 +338,6 @@ def test_names_from_the_robot_are_never_paths(run, chassis, tmp_path):
     run("upload", str(folder), "--force")
     sent = {file.name for file in chassis.last("woosh.map.Upload").file_datas}
     assert set(names) <= sent
-
-
-def test_scene_and_map_names_from_the_robot_are_never_paths(run, chassis, tmp_path):
-    edit_bodies(chassis, SceneData, lambda data: setattr(data.maps[0], "name", "../../evil"))
-    assert run("download", "wooshmap", "--output", "a/b")[0] == 0
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
-    assert (tmp_path / "a/b/wooshmap/nav2/%2E.%2F..%2Fevil.png").is_file()
 
 
 def test_different_names_have_different_file_names() -> None:
@@ -381,6 +360,7 @@ def test_rename_and_delete(run: Run, wire: JsonClient) -> None:
 
 
 def test_failures_are_told_with_exit_status_1(run: Run) -> None:
+    assert run("download", "--output", "backup")[0] == 0
     for arguments, reason in (
         ("download moon", "the robot has no scene and no map moon: its scenes are wooshmap,"),
         ("delete wooshmap", "scene wooshmap cannot be deleted: the robot is using it"),
@@ -392,20 +372,12 @@ def test_failures_are_told_with_exit_status_1(run: Run) -> None:
         ("rename scenex --map scenex scenex2", "scenex2 exists already"),
         ("rename scenex ../x", "the robot refused woosh.map.Rename: new_scene_name"),
         ("upload nothing", "nothing is not a saved scene"),
+        ("upload backup", "give a folder in it: backup/scenex, backup/wooshmap\n"),
     ):
         status, out, err = run(*arguments.split())
         assert (status, out) == (1, "")
         assert err.startswith("error: ")
         assert reason in err
-
-
-def test_upload_of_the_folder_of_all_backups_names_the_scenes_in_it(run: Run) -> None:
-    assert run("download", "--output", "backup")[0] == 0
-    status, out, err = run("upload", "--force", "backup")
-    assert (status, out) == (1, "")
-    assert err == (
-        "error: backup is not a saved scene: give a folder in it: backup/scenex, backup/wooshmap\n"
-    )
 
 
 _MISTAKES: list[tuple[Callable[[Any], object], str]] = [
@@ -481,23 +453,20 @@ def test_a_map_without_a_usable_picture_does_not_prevent_the_backup(
     assert scenes(wire)["copy"] == ["scenex", "scenex2"]
 
 
-@pytest.mark.parametrize("exists", [False, True])
-def test_a_full_disk_leaves_no_half_scene(run, chassis, tmp_path, exists):
-    if exists:
-        run("download", "wooshmap")
+def test_a_full_disk_leaves_no_half_scene(run, chassis, tmp_path):
+    run("download", "wooshmap")
     before = tree(tmp_path)
     program = shlex.join([sys.executable, "-m", "woosh_robot_agent.tools", "maps"])
-    arguments = shlex.join([*address(chassis), "download", "wooshmap", "--force"])
+    arguments = shlex.join([*address(chassis), "download", "--force"])
     limited = ["bash", "-c", f"ulimit -f 1; exec {program} {arguments}"]  # KiB of a file
     done = subprocess.run(limited, capture_output=True, text=True, timeout=TIMEOUT, check=False)
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.startswith("error: scene wooshmap cannot be saved: ")
+    assert re.match("error: scene (wooshmap|scenex) cannot be saved: ", done.stderr)
     assert tree(tmp_path) == before
-    assert [path.name for path in tmp_path.iterdir()] == (["wooshmap"] if exists else [])
+    assert [path.name for path in tmp_path.iterdir()] == ["wooshmap"]
 
 
-@pytest.mark.parametrize("how", ["cut off", "Ctrl-C"])
-def test_an_upload_that_does_not_end_leaves_the_robots_map(run, wire, tmp_path, chassis, how):
+def test_an_upload_that_does_not_end_leaves_the_robots_map(run, wire, tmp_path, chassis):
     upload_lab(wire)
     run("download", "lab")
     (tmp_path / "lab" / "big.bin").write_bytes(bytes(6 << 20))
@@ -513,31 +482,22 @@ def test_an_upload_that_does_not_end_leaves_the_robots_map(run, wire, tmp_path, 
             stalled.set()
             cut.wait(TIMEOUT)
 
-    with (
-        serving(stall) as port,
-        start("maps", "--ip", f"127.0.0.1:{port}", "upload", "lab", "--force") as process,
-    ):
-        assert stalled.wait(TIMEOUT)
-        if how == "cut off":
-            cut.set()
-        status, out, err = end(process, None if how == "cut off" else signal.SIGINT)
+    upload = ["upload", "lab", "--force"]
+    with serving(stall) as port:
+        with start("maps", "--ip", f"127.0.0.1:{port}", *upload) as process:
+            assert stalled.wait(TIMEOUT)
+            assert end(process) == (130, "", "interrupted\n")
         cut.set()
-    if how == "cut off":
-        assert (status, out) == (1, "")
-        assert err.startswith("error: woosh.map.Upload: ")
-    else:
-        assert (status, out, err) == (130, "", "interrupted\n")
+        assert main(["--ip", f"127.0.0.1:{port}", *upload]) == 1  # its connection is lost
     assert wire.ask("woosh.map.SceneData", {"name": "lab"}) == before
     assert chassis.counts["woosh.map.Upload"] == 1  # that of upload_lab
 
 
-@pytest.mark.parametrize("arguments", [["download", "lab"], ["upload", "lab", "--force"]])
-def test_a_bar_shows_the_progress_on_a_terminal(run, wire, chassis, arguments):
+def test_a_bar_shows_the_progress_on_a_terminal(wire, chassis, tmp_path):
     upload_lab(wire)
-    if arguments[0] == "upload":
-        run("download", "lab")
     terminal, stderr = pty.openpty()
-    with start("maps", *address(chassis), *arguments, stderr=stderr) as process:
+    download = ["download", "lab", "--output", str(tmp_path)]
+    with start("maps", *address(chassis), *download, stderr=stderr) as process:
         status, out, _ = end(process, None)
     os.close(stderr)
     assert status == 0
@@ -546,9 +506,9 @@ def test_a_bar_shows_the_progress_on_a_terminal(run, wire, chassis, arguments):
         while data := os.read(terminal, 65536):
             shown += data
     os.close(terminal)
-    assert f"{arguments[0]}ing lab".encode() in shown
+    assert b"downloading lab" in shown
     assert b"bytes" in shown or b"kB" in shown
-    assert out.startswith(f"{arguments[0]}ed scene lab")
+    assert out.startswith("downloaded scene lab")
 
 
 def test_a_map_of_20_mib_goes_both_ways(run, chassis, wire, tmp_path):

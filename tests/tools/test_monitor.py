@@ -7,7 +7,6 @@ import os
 import pty
 import re
 import select
-import signal
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -17,7 +16,6 @@ import pytest
 from rich.console import Console
 
 from tests.tools.programs import HOSTILE, TIMEOUT, address, end, harmless, run, start
-from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
@@ -193,21 +191,6 @@ def test_texts_of_the_robot_cannot_control_the_terminal():
     assert "[red]x[/red]" in text
 
 
-@pytest.mark.parametrize(
-    ("enum", "number", "text"),
-    [
-        (robot.WorkMode, robot.kTaskMode, "task"),
-        (robot.State, robot.kStateUndefined, "unknown"),
-        (robot.State, 77, "77"),
-        (action.State, action.kRosExecuting, "executing"),
-        (action.Type, action.kSecondposEnter, "secondpos enter"),
-        (ros_pack_pb2.State, ros_pack_pb2.kRosExecuteFailed, "execute failed"),
-    ],
-)
-def test_enum_values_are_shown_as_words(enum, number, text):
-    assert enum_name(enum, number) == text
-
-
 # The program
 
 
@@ -304,17 +287,10 @@ def test_terminal_follows_the_robot_and_its_link_until_q(terminal, chassis):
     assert "Traceback" not in terminal.text
 
 
-def test_ctrl_c_ends_it_on_a_terminal(terminal):
-    terminal.wait("q quits")
-    terminal.process.send_signal(signal.SIGINT)
-    assert terminal.wait_end() == 0
-    assert "Traceback" not in terminal.text
-
-
 def test_without_a_terminal_the_view_is_printed_repeatedly(chassis):
     with start("monitor", *address(chassis)) as process:
         pictures = 0
         while pictures < 3:
             pictures += "would be accepted" in process.stdout.readline()
-        status, _, err = end(process, signal.SIGTERM)
+        status, _, err = end(process)
     assert (status, err) == (0, "")

@@ -23,7 +23,9 @@ from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import is_driving
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard.access import Role
 from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
+from woosh_robot_agent.tools.dashboard.control import ControlConfig
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 
 T = TypeVar("T")
@@ -57,6 +59,11 @@ class RobotThread(SimulatorThread):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(quick_config(port=0, tcp_port=0, **options))
+        self._contexts = AsyncExitStack()
+
+    def __exit__(self, *error: object) -> None:
+        self.run(self._contexts.aclose())
+        super().__exit__(*error)
 
     def begin(self, work: Coroutine[Any, Any, T]) -> Future[T]:
         """Start a coroutine in the thread."""
@@ -66,20 +73,32 @@ class RobotThread(SimulatorThread):
         """Run a coroutine in the thread; return the result."""
         return self.begin(work).result(TIMEOUT)
 
+    def enter(self, context: AbstractAsyncContextManager[T]) -> T:
+        """Enter a context in the thread, until the end of the simulator."""
+        return self.run(self._contexts.enter_async_context(context))
+
     @contextmanager
-    def serving(self, *robots: SimulatorThread, **options: Any) -> Iterator[str]:
+    def serving(
+        self, *robots: SimulatorThread, watch: bool = False, **options: Any
+    ) -> Iterator[str]:
         """Run a dashboard with control of some robots in the thread; yield its address.
 
         Args:
             robots: the robots, by default this one.
+            watch: yield the address at which one can only look.
             options: further options of the dashboard.
         """
         links = [LinkConfig("127.0.0.1", each.port) for each in robots or (self,)]
-        config = DashboardConfig(**{"port": 0, "control": True, **options})
+        # on a busy machine, the page may be told the time late
+        patient = ControlConfig(max_age=TIMEOUT)
+        config = DashboardConfig(
+            **{"port": 0, "control": True, "control_config": patient, **options}
+        )
         dashboard = Dashboard(links, config)
         self.run(dashboard.__aenter__())
+        url = urlsplit(dashboard.urls[Role.LOOK] if watch else dashboard.url)
         try:
-            yield dashboard.url
+            yield url._replace(netloc=f"127.0.0.1:{url.port}").geturl()
         finally:
             self.run(dashboard.__aexit__(None, None, None))
 
@@ -95,24 +114,12 @@ class RobotThread(SimulatorThread):
 
 
 class SimulatedPage(RobotThread):
-    """A simulated robot and the page beside it, in a thread.
-
-    Args:
-        options: options of the robot.
-    """
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        self._contexts = AsyncExitStack()
+    """A simulated robot and the page beside it, in a thread; options as for `RobotThread`."""
 
     def __enter__(self) -> SimulatedPage:
         super().__enter__()
         self._open_page(0)
         return self
-
-    def __exit__(self, *error: object) -> None:
-        self.run(self._contexts.aclose())
-        super().__exit__(*error)
 
     def _open_page(self, port: int) -> None:
         simulator = self.call(lambda simulator: simulator)
@@ -123,10 +130,6 @@ class SimulatedPage(RobotThread):
         """End the dashboard, and start another one at the same port."""
         self.run(self._contexts.aclose())
         self._open_page(urlsplit(self.url).port or 0)
-
-    def enter(self, context: AbstractAsyncContextManager[T]) -> T:
-        """Enter a context in the thread, until the end of the simulator."""
-        return self.run(self._contexts.enter_async_context(context))
 
 
 class Browser:
@@ -284,6 +287,18 @@ class Browser:
         """Give the window the size of a device, in pixels; the page gets it soon afterwards."""
         size = {"width": width, "height": height, "mobile": width < 1000}
         self.send("Emulation.setDeviceMetricsOverride", **size, deviceScaleFactor=ratio)
+
+    def resize(self, width: int, height: int, ratio: float = 1) -> None:
+        """Give the window another size, and wait until the page is drawn at that size."""
+        self.set_screen(width, height, ratio)
+        size = [width, height]
+        eventually(lambda: self.script("[innerWidth, innerHeight]") == size, f"the size {size}")
+        self.wait_for_frame()
+
+    def wait_for_frame(self) -> None:
+        """Wait until the page is drawn with everything that has changed."""
+        drawn = "setTimeout(() => requestAnimationFrame(() => setTimeout(done)))"
+        self.script(f"new Promise((done) => {drawn})")
 
     def set_media(self, **features: str) -> None:
         found = [{"name": name, "value": value} for name, value in features.items()]

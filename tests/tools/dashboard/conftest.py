@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +12,6 @@ import pytest
 
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.browsers import Browser, RobotThread, SimulatedPage, chromium
-from tests.tools.dashboard.pages import program
 from woosh_robot_agent.simulator import SimulatorThread
 
 
@@ -72,28 +71,24 @@ class Served(NamedTuple):
     robots: list[RobotThread]
     url: str
 
-    def silent(self) -> AbstractContextManager[None]:
-        """Keep the dashboard from doing anything; the connections stay open."""
-        return self.robots[0].silent()
-
 
 Serve = Callable[..., Served]
 
 
-@pytest.fixture
-def serve() -> Iterator[Serve]:
-    """Function that starts robots with these options, and a dashboard for them.
-
-    Options of `program` start that instead.
-    """
+@contextmanager
+def serving_robots() -> Iterator[Serve]:
+    """Yield a function that starts robots with these options, and a dashboard for them."""
     with ExitStack() as running:
 
         def start(*robots: dict[str, Any], **options: Any) -> Served:
             threads = [running.enter_context(RobotThread(**each)) for each in robots]
-            if options:
-                _, url = running.enter_context(program(*threads, **options))
-            else:
-                url = running.enter_context(threads[0].serving(*threads))
-            return Served(threads, url)
+            return Served(threads, running.enter_context(threads[0].serving(*threads, **options)))
 
+        yield start
+
+
+@pytest.fixture
+def serve() -> Iterator[Serve]:
+    """Function that starts robots with these options, and a dashboard for them."""
+    with serving_robots() as start:
         yield start

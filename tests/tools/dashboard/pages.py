@@ -8,8 +8,6 @@ import json
 import math
 import socket
 import ssl
-import subprocess
-import sys
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, fields
@@ -17,6 +15,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from tests.asynchronous import TIMEOUT
+from tests.tools.programs import start
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.transport import Connect
@@ -56,34 +55,11 @@ async def dashboard(*robots: SimulatorThread, **options: Any) -> AsyncIterator[D
 
 
 @contextmanager
-def program(
-    *robots: SimulatorThread, options: Sequence[str] = (), watch: bool = False
-) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Start the program with control; yield its process and its address.
-
-    Args:
-        robots: the robots.
-        options: further options.
-        watch: yield the address at which one can only look, on this machine.
-    """
-    command = [sys.executable, "-m", "woosh_robot_agent.tools", "dashboard", "--control"]
-    command += ["--page-port", "0", *options]
-    for robot in robots:
-        command += ["--ip", f"127.0.0.1:{robot.port}"]
-    errors = subprocess.PIPE if watch else None
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
-        try:
-            assert process.stdout is not None
-            url = process.stdout.readline().removeprefix("dashboard ready at ").strip()
-            if watch:
-                assert process.stderr is not None
-                lines = iter(process.stderr.readline, "")
-                found = next(each for each in lines if each.startswith("to watch only: "))
-                port = urlsplit(url).port
-                url = f"http://127.0.0.1:{port}/?{urlsplit(found.split()[-1]).query}"
-            yield process, url
-        finally:
-            process.kill()
+def program(*robots: SimulatorThread, options: Sequence[str] = ()) -> Iterator[tuple[Any, str]]:
+    """Start the program with control of some robots; yield its process and its address."""
+    addresses = (f"--ip=127.0.0.1:{robot.port}" for robot in robots)
+    with start("dashboard", "--control", "--page-port", "0", *options, *addresses) as process:
+        yield process, process.stdout.readline().removeprefix("dashboard ready at ").strip()
 
 
 def place(running: Dashboard | str) -> str:

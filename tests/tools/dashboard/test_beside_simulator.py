@@ -11,9 +11,12 @@ import urllib.request
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+import pytest
+
 from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import quick_config
 from tests.tools.dashboard.pages import Page, is_emergency_stopped, page
+from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 
@@ -77,18 +80,14 @@ async def test_the_number_of_faults_is_limited() -> None:
         assert reason == "there are 100 faults already: end some of them"
 
 
-def start_simulator(*arguments: str) -> subprocess.Popen[str]:
+def test_the_simulator_serves_the_page() -> None:
     command = [sys.executable, "-m", "woosh_robot_agent.simulator", "--port", "0"]
-    return subprocess.Popen(
-        [*command, "--tcp-port", "0", *arguments],
+    with subprocess.Popen(
+        [*command, "--tcp-port", "0", "--dashboard", "0"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )
-
-
-def test_the_simulator_serves_the_page() -> None:
-    with start_simulator("--dashboard", "0") as process:
+    ) as process:
         try:
             assert process.stdout is not None
             found = re.fullmatch(r"dashboard ready at (\S+)\n", process.stdout.readline())
@@ -103,11 +102,10 @@ def test_the_simulator_serves_the_page() -> None:
     assert (process.returncode, err) == (0, "")
 
 
-def test_a_port_in_use_is_reported() -> None:
+def test_a_port_in_use_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with start_simulator("--dashboard", str(port)) as process:
-            _, err = process.communicate(timeout=TIMEOUT)
-    assert process.returncode == 1
+        port = str(taken.getsockname()[1])
+        assert main(["--port", "0", "--tcp-port", "0", "--dashboard", port]) == 1
+    err = capsys.readouterr().err
     assert f"cannot serve the page on port {port}: " in err
     assert "--dashboard PORT" in err

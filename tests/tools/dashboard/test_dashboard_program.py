@@ -55,8 +55,9 @@ async def test_the_page_is_served_over_https_and_a_robot_that_is_named_twice_is_
 ) -> None:
     tls = ssl.create_default_context(cafile=certificate[1])
     options = [*certificate, "--host", "0.0.0.0"]
-    with program(chassis, chassis, options=options) as (_, url):
+    with program(chassis, chassis, options=options) as (process, url):
         assert url.startswith("https://")
+        assert any(line.startswith("to watch only: https://") for line in process.stderr)
         local = url.replace(urlsplit(url).hostname or "", "127.0.0.1")
         path = f"/?{urlsplit(url).query}"
         status, headers, _ = await fetch(local, path, tls=tls)

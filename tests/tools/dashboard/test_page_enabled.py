@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from typing import Any
 
@@ -22,7 +21,6 @@ _BOXES = """Object.fromEntries(["#pause", "#continue", "#cancel", "#go"].map((id
   [id, document.querySelector(".doing " + id)?.getBoundingClientRect().toJSON()]))"""
 _SIZES = ((360, 640), (844, 390), (1024, 768), (1440, 900))
 """Sizes of the screens of a phone, of one that is turned, of a tablet and of a notebook."""
-_FOCUS_BESIDE = "document.activeElement.matches('.doing .act')"
 _CLIPPED = """[...document.querySelectorAll(".doing .act button")]
   .filter((each) => each.scrollWidth > each.clientWidth).map((each) => each.innerText)"""
 
@@ -60,10 +58,9 @@ def test_a_repeated_press_of_pause_starts_nothing(robot: SimulatedPage, window: 
     def boxes() -> Any:
         """Return where the buttons are, by the size of the screen."""
         found = {}
-        for width, height in _SIZES:
-            window.set_screen(width, height)
-            eventually(lambda width=width: window.script("innerWidth") == width, "the size")
-            found[width] = window.script(_BOXES)
+        for size in _SIZES:
+            window.resize(*size)
+            found[size] = window.script(_BOXES)
             assert window.script(_CLIPPED) == []
         return found
 
@@ -73,18 +70,18 @@ def test_a_repeated_press_of_pause_starts_nothing(robot: SimulatedPage, window: 
     before = boxes()
     start_task(window, robot)
     during = boxes()
-    for width, _ in _SIZES:
-        assert during[width]["#go"] is None
+    for size in _SIZES:
+        assert during[size]["#go"] is None
         for other in ("#pause", "#cancel"):
-            assert are_apart(before[width]["#go"], during[width][other]), (width, other)
+            assert are_apart(before[size]["#go"], during[size][other]), (size, other)
     pause = window.middle(".doing #pause")
     window.touch("touchStart", pause)
     window.touch("touchEnd")
     eventually(lambda: window.is_enabled(".doing #continue"), "the pause")
     window.touch("touchStart", pause)
     window.touch("touchEnd")
-    assert boxes() == during
     assert not window.is_enabled(".doing #pause")
+    assert boxes() == during
     # a key that is held presses once, whatever it finds
     scale = window.script("mapCanvas.view.scale")
     window.script("document.querySelector('#zoom-in').focus()")
@@ -96,7 +93,6 @@ def test_a_repeated_press_of_pause_starts_nothing(robot: SimulatedPage, window: 
     window.press(".doing #continue")
     eventually(lambda: window.is_enabled(".doing #pause"), "the task to go on")
     assert continued()
-    assert boxes() == during
 
 
 def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(
@@ -106,24 +102,20 @@ def test_an_unconfirmed_stop_is_an_alarm_of_the_robot(
     set_speed(robot, 1.0)  # it turns first
     eventually(lambda: browser.script("store.pose.value.linear") > 0, "the robot to drive")
     other = robot.enter(page(robot.url))
-    for reload in (False, True):
-        freeze = robot.inject("freeze")
-        stop = robot.begin(other.command("stop"))
-        eventually(lambda: browser.text("#answer").endswith("stopping"), "the stop")
-        eventually(lambda: browser.text("#alarm"), "the alarm of the other's stop")
-        assert browser.text("#answer").endswith("if the robot moves, press its emergency stop")
-        assert browser.script("answer.scrollWidth <= answer.clientWidth"), "it is not cut"
-        browser.press("#alarm summary")
-        assert "NOT STOPPED: the chassis did not answer the request" in browser.text("#alarm")
-        assert "woosh." not in browser.text("#alarm")
-        if reload:
-            browser.driver.refresh()
-            eventually(lambda: browser.text("#alarm"), "the alarm after a reload")
-        assert not stop.result(TIMEOUT)[0]
-        set_speed(robot, 20.0)
-        freeze.clear()
-        eventually(lambda: not browser.text("#alarm"), "the robot to be seen to stand still")
-        assert reload or "The alarm has ended" in browser.text("#answer")
+    freeze = robot.inject("freeze")
+    stop = robot.begin(other.command("stop"))
+    eventually(lambda: browser.text("#answer").endswith("stopping"), "the stop")
+    eventually(lambda: browser.text("#alarm"), "the alarm of the other's stop")
+    assert browser.text("#answer").endswith("if the robot moves, press its emergency stop")
+    assert browser.script("answer.scrollWidth <= answer.clientWidth"), "it is not cut"
+    browser.press("#alarm summary")
+    assert "NOT STOPPED: the chassis did not answer the request" in browser.text("#alarm")
+    assert "woosh." not in browser.text("#alarm")
+    assert not stop.result(TIMEOUT)[0]
+    set_speed(robot, 20.0)
+    freeze.clear()
+    eventually(lambda: not browser.text("#alarm"), "the robot to be seen to stand still")
+    assert "The alarm has ended" in browser.text("#answer")
 
 
 def test_a_go_is_off_while_it_is_sent_and_a_task_keeps_its_buttons(
@@ -144,39 +136,12 @@ def test_a_go_is_off_while_it_is_sent_and_a_task_keeps_its_buttons(
     eventually(lambda: "executing a task" in browser.text("#now"), "why it is off")
 
 
-def test_a_task_that_waits_for_an_obstacle_is_not_shown_as_paused(window: Browser) -> None:
-    with SimulatedPage(profile="tr200", speed=5) as robot:
-        window.open(robot.url)
-        pose = robot.state.pose
-        for step in range(10):
-            angle = pose.theta + step * math.tau / 10
-            place = pose.x + 1.3 * math.cos(angle), pose.y + 1.3 * math.sin(angle)
-            robot.inject("obstacle", radius=0.5, x=place[0], y=place[1])
-        eventually(lambda: window.script(_GO)["ok"], "the task")
-        eventually(lambda: "drives on by itself" in window.text("#now"), "why it stands")
-        assert "obstacle" in window.text("#now [role=status]")
-        assert not window.is_enabled(".doing #continue")
-        window.show("map")
-        assert not window.is_enabled("#set-pose")
-        for of_what in ("#set-pose", "#stick"):
-            assert "drives on by itself" in window.element(of_what).get_attribute("title")
-        for button, other in (("pause", "continue"), ("continue", "pause")):
-            window.script(f"document.querySelector('.doing #{button}').focus()")
-            window.actions().send_keys(" ").perform()
-            eventually(lambda other=other: window.is_enabled(f".doing #{other}"), other)
-            eventually(lambda: window.script(_FOCUS_BESIDE), "the focus beside the button")
-            if button == "pause":
-                eventually(lambda: window.text("#now p").startswith("Paused"), "the pause")
-                robot.clear_faults()
-
-
 def check_whole(browser: Browser) -> None:
     """Check that the dock shows all of its texts on screens of several sizes."""
-    for width, height in ((360, 740), (1024, 768), (1440, 900)):
-        browser.set_screen(width, height)
-        eventually(lambda width=width: browser.script("innerWidth") == width, "the size")
+    for size in ((360, 740), (1024, 768), (1440, 900)):
+        browser.resize(*size)
         hidden = browser.script("now.scrollHeight - now.clientHeight")
-        assert hidden == 0, (width, browser.text("#now"))
+        assert hidden == 0, (size, browser.text("#now"))
 
 
 def test_the_dock_shows_all_of_its_texts(robot: SimulatedPage, browser: Browser) -> None:
@@ -190,38 +155,26 @@ def test_the_dock_shows_all_of_its_texts(robot: SimulatedPage, browser: Browser)
     check_whole(browser)
     browser.script("connection.command('speedLimit', {limit: null})")
     eventually(lambda: "limit" not in browser.text("#now"), "its end")
+    # a target beside the task, which can be dropped
+    boxes = browser.script(_BOXES)
     browser.click_at(1.0, -6.0)
     eventually(lambda: browser.script("store.target.value?.plan?.length > 0"), "its way")
     eventually(lambda: "executing a task" in browser.text("#now"), "why Go is off")
     check_whole(browser)
+    assert browser.script(_BOXES) == boxes
     title, dismiss = (browser.element(each).rect for each in ("#now b", "#dismiss"))
     assert title["y"] + title["height"] <= dismiss["y"]
     browser.press("#dismiss")
+    assert browser.script("store.target.value === null && !document.querySelector('#dismiss')")
     browser.press(".doing #pause")
     eventually(lambda: browser.is_enabled(".doing #continue"), "the paused task")
     assert keeps in browser.text("#now")
-
-
-def test_the_target_beside_a_paused_task_can_be_dropped(
-    robot: SimulatedPage, window: Browser
-) -> None:
-    window.set_screen(640, 360)
-    window.open(robot.url)
-    start_task(window, robot)
-    window.press(".doing #pause")
-    eventually(lambda: window.is_enabled(".doing #continue"), "the paused task")
-    boxes = window.script(_BOXES)
-    window.click_at(1.0, -6.0)
-    eventually(lambda: window.script("store.target.value?.plan?.length > 0"), "its way")
-    assert window.script(_BOXES) == boxes
-    window.press("#dismiss")
-    assert window.script("store.target.value === null && !document.querySelector('#dismiss')")
-    assert window.script("store.robot.value.task.state") == "paused"
     # a long name leaves room for the state
+    browser.resize(640, 360)
     name = "{...each, to: 'the mark with a very long name in the hall of the north'}"
-    window.script(f"(store.tasks.value = store.tasks.value.map((each) => ({name})))")
-    eventually(lambda: "very long name" in window.text("#now"), "the name")
-    now, state = (window.element(each).rect for each in ("#now", "#now p"))
+    browser.script(f"(store.tasks.value = store.tasks.value.map((each) => ({name})))")
+    eventually(lambda: "very long name" in browser.text("#now"), "the name")
+    now, state = (browser.element(each).rect for each in ("#now", "#now p"))
     assert state["y"] + state["height"] <= now["y"] + now["height"]
 
 
@@ -280,56 +233,14 @@ def test_the_dock_says_what_the_banner_says(robot: SimulatedPage, browser: Brows
         eventually(lambda: "Press a place" in browser.text("#now"), "the end of the fault")
 
 
-def test_a_robot_that_is_silent_or_lost_is_not_commanded(
+def test_the_dock_says_what_drives_and_what_is_off_says_why(
     robot: SimulatedPage, browser: Browser
 ) -> None:
-    pause_a_task(browser, robot)
-    browser.show("setup")
-    eventually(lambda: browser.is_enabled("#mute"), "the setting")
-    for fault in ("freeze", "off"):
-        robot.clear_faults()
-        eventually(lambda: browser.is_enabled(".doing #continue"), "the robot")
-        robot.inject(fault)
-        eventually(lambda: not browser.is_enabled(".doing #continue"), "Continue to be off")
-        eventually(lambda: "last known state" in browser.text("#now"), "the reason")
-        assert is_stick_off(browser)
-        assert not browser.is_enabled("#mute")
-        if fault == "freeze":  # what ends a motion is tried
-            assert browser.is_enabled(".doing #cancel")
-    eventually(lambda: not browser.is_enabled(".doing #cancel"), "Cancel to be off")
-
-
-def test_what_another_viewer_controls_is_off(robot: SimulatedPage, browser: Browser) -> None:
-    browser.show("setup")
-    assert not browser.is_enabled("#speak")
-    browser.element("#speak-text").send_keys("hello")
-    eventually(lambda: browser.is_enabled("#speak"), "a text to speak")
-    start_task(browser, robot)
-    other = robot.enter(page(robot.url))
-    browser.script("connection.send({do: 'release'})")
-    robot.run(other.until(lambda parts: parts["control"]["owner"] is None))
-    robot.run(other.command("speedLimit", limit=0.5))
-    eventually(lambda: not browser.is_enabled(".doing #pause"), "Pause to be off")
-    assert is_stick_off(browser)
-    assert browser.is_enabled("#stop")
-    eventually(lambda: "Speed limit: 0.5 m/s" in browser.text("#now"), "it during the task")
-    browser.show("state")
-    eventually(lambda: "0.5 m/s" in browser.text("#facts"), "the other's speed limit")
-    robot.run(other.socket.close())
-    eventually(lambda: browser.is_enabled(".doing #pause"), "the end of the other's control")
-    browser.press(".doing #cancel")
-    eventually(lambda: "Speed limit: 0.5 m/s" in browser.text("#now"), "the limit in the dock")
-
-
-def test_what_is_off_says_why(robot: SimulatedPage, browser: Browser) -> None:
-    def shown_with(name: str, change: str, selector: str) -> str:
-        """Return a text that the page shows after a change of what the robot has reported."""
-        shown = f"document.querySelector('{selector}')?.innerText"
+    def with_change(name: str, change: str, shown: str) -> Any:
+        """Return the value of an expression after a change of what the robot has reported."""
         changed = f"store.{name}.value = {{...store.{name}.value, {change}}}"
         later = "setTimeout(() => requestAnimationFrame(() => setTimeout(resolve)))"
-        return str(
-            browser.script(f"({changed}, new Promise((resolve) => {later}).then(() => {shown}))")
-        )
+        return browser.script(f"({changed}, new Promise((resolve) => {later}).then(() => {shown}))")
 
     browser.press("#layers")
     assert "this page shows one robot" in browser.text(".menu")
@@ -340,19 +251,32 @@ def test_what_is_off_says_why(robot: SimulatedPage, browser: Browser) -> None:
     browser.script("document.querySelector('#map').focus()")
     eventually(lambda: browser.script("!document.querySelector('.menu')"), "its end")
     assert browser.is_enabled("#park")
-    assert "no parking place" in shown_with("map", "marks: []", "#no-parking")
-    accepted = shown_with(
-        "robot", "state: 'task', task: null, objections: [{name: 'busy'}]", "#now"
-    )
+    why = "document.querySelector('#no-parking').innerText"
+    assert "no parking place" in with_change("map", "marks: []", why)
+    for name, title in (("strafe", "Driven by strafe"), ("unknown", "Ready"), ("nobody", "Ready")):
+        driver = f"driver: {{name: '{name}', detail: ''}}"
+        assert with_change("control", driver, "document.querySelector('#now b').innerText") == title
+    busy = "state: 'task', task: null, objections: [{name: 'busy'}]"
+    accepted = with_change("robot", busy, "now.innerText")
     assert "executing a task" in accepted
     assert "Hold the stick" not in accepted  # the report of the task comes later
+    browser.show("setup")
+    assert not browser.is_enabled("#speak")
+    browser.element("#speak-text").send_keys("hello")
+    eventually(lambda: browser.is_enabled("#speak"), "a text to speak")
     start_task(browser, robot)
     browser.show("map")
     assert not browser.is_enabled("#maps li:not(.chosen) button")
     browser.press(".doing #pause")
     eventually(lambda: browser.is_enabled(".doing #continue"), "the paused task")
     deployed = "objections: [{name: 'deployment'}]"
-    assert "in deployment mode" in shown_with("robot", deployed, "#now")
+    assert "in deployment mode" in with_change("robot", deployed, "now.innerText")
+    # a task that waits for an obstacle is not paused
+    waits = "task: {...store.robot.value.task, state: 'held up'}, objections: []"
+    texts = (
+        "[now.innerText, ...['#set-pose', '#stick'].map((of) => document.querySelector(of).title)]"
+    )
+    assert all("drives on by itself" in each for each in with_change("robot", waits, texts))
 
 
 def test_what_ends_a_motion_is_on_though_the_page_is_no_longer_updated(
@@ -374,26 +298,15 @@ def test_what_ends_a_motion_is_on_though_the_page_is_no_longer_updated(
     assert browser.is_enabled(".doing #cancel")
 
 
-def test_what_is_off_looks_off_while_a_pose_is_set_or_kept(
+def test_a_mark_ends_set_pose_and_keep_pose_shows_that_it_runs(
     robot: SimulatedPage, browser: Browser
 ) -> None:
-    colours = """((button) => {
-      const {backgroundColor, color} = getComputedStyle(button);
-      const probe = document.body.appendChild(document.createElement("i"));
-      probe.style.cssText = "background: var(--raised); color: var(--faint)";
-      const wanted = {...getComputedStyle(probe)};
-      probe.remove();
-      return backgroundColor === wanted.backgroundColor && color === wanted.color;
-    })(document.querySelector("%s"))"""
     browser.show("map")
     browser.press("#set-pose")
     eventually(lambda: browser.text("#confirm"), "the tool")
-    assert browser.script(colours % "#confirm")
     browser.show("go")
     browser.choose_mark()
-    assert not browser.script(colours % "#go")
-    assert browser.script("store.tool.value") == "go", "a mark ends Set pose"
-    # keep pose shows that it runs
+    assert browser.script("store.tool.value") == "go"
     for fault in ("refuse", "lose_answer"):
         robot.inject(fault, type=full_name(InitRobot))
     robot.inject("lost_localisation")

@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
 
@@ -23,16 +22,16 @@ from tests.tools.dashboard.pages import (
     is_driving,
     is_stopped_by_zero,
     page,
-    program,
 )
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import server
+from woosh_robot_agent.tools.dashboard.access import new_tokens
 from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 
 pytestmark = pytest.mark.timeout(300)
@@ -59,15 +58,20 @@ def test_one_of_two_operators_drives_and_both_may_stop(
     robot: SimulatedPage, browser: Browser
 ) -> None:
     other = robot.enter(page(robot.url))
-    robot.run(other.command("pause"))
+    set_speed(robot, 0.05)
+    robot.run(other.give("goMark", mark="A2"))
     name = other.parts["hello"]["you"]
     eventually(lambda: browser.text("#owner") == f"Viewer {name} has control", "the owner")
+    eventually(lambda: browser.elements(".doing #pause"), "the task")
+    assert not browser.is_enabled(".doing #pause")
+    assert "off" in browser.element("#stick").get_attribute("class").split()
     browser.push_stick()
     eventually(lambda: "has control: wait" in browser.text("#answer"), "the refusal")
     browser.release()
     assert robot.counts[full_name(Twist)] == 0
     browser.press("#stop")  # everybody may
     eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
+    set_speed(robot, 1.0)
     robot.run(other.send(do="release"))
     eventually(lambda: "Nobody" in browser.text("#owner"), "the end of the other's control")
     browser.drive(robot)
@@ -85,12 +89,16 @@ def test_one_of_two_operators_drives_and_both_may_stop(
 def test_a_robot_that_freezes_is_noticed_while_it_drives(
     robot: SimulatedPage, browser: Browser
 ) -> None:
+    browser.show("setup")
+    eventually(lambda: browser.is_enabled("#mute"), "the setting")
     browser.drive(robot)
     robot.inject("freeze")
     eventually(lambda: "No data for" in browser.text("#link"), "the silence")
+    assert not browser.is_enabled("#mute")
     assert "last known state" in browser.text("#notice")
     assert "m/s" not in browser.text("#now")
     assert browser.script("store.held.value === null")
+    assert "off" in browser.element("#stick").get_attribute("class").split()
     # a banner stays as it was folded while its seconds count
     browser.release()
     browser.set_screen(390, 844)
@@ -207,26 +215,36 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways(
     eventually(lambda: not browser.text("#alarm"), "the end of the step")
 
 
-def test_a_page_whose_address_is_no_longer_valid_says_so(
+def test_a_page_whose_address_is_no_longer_valid_or_may_no_longer_stop_says_so(
     plain_robot: RobotThread, window: Browser
 ) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    tokens = new_tokens()
     options = {"host": "0.0.0.0", "port": own_port()}
     with plain_robot.serving(**options) as url:
-        window.open(f"http://127.0.0.1:{urlsplit(url).port}/?{urlsplit(url).query}")
+        window.open(url)
     eventually(lambda: "No connection to the dashboard" in window.text("#notice"), "the loss")
-    with plain_robot.serving(**options) as url:  # with other tokens
+    with plain_robot.serving(**options, tokens=tokens) as url:
         eventually(lambda: "open the new address" in window.text("#notice"), "the refusal")
         window.press("#stop")
         eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
-        window.open(f"http://127.0.0.1:{urlsplit(url).port}/?{urlsplit(url).query}")
-
-
-def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: Browser) -> None:
-    options = ["--page-port", str(own_port())]
-    with program(chassis, options=options) as (process, url):
         window.open(url)
-        process.kill()
-        process.wait()
+    with plain_robot.serving(**options, tokens=tokens, control=False):
+        eventually(lambda: "no longer stop" in window.text("#notice"), "the loss of control")
+        assert "--control" in window.text("#notice")
+        assert not window.elements("#stop, #stick")
+        window.actions().send_keys(Keys.ESCAPE).perform()
+        eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
+    with plain_robot.serving(**options, tokens=tokens):
+        eventually(lambda: window.elements("#stop"), "the control")
+        assert "no longer stop" not in window.text("#notice")
+
+
+def test_a_restarted_dashboard_is_found_again(plain_robot: RobotThread, window: Browser) -> None:
+    port = own_port()
+    with plain_robot.serving(port=port) as url:
+        window.open(url)
     eventually(lambda: "No connection to the dashboard" in window.text("#notice"), "the loss")
     window.press("#stop")
     eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
@@ -234,33 +252,16 @@ def test_a_restarted_dashboard_is_found_again(chassis: SimulatorThread, window: 
     eventually(lambda: "no path" in window.text("#now"), "the preview without a way")
     assert not window.is_enabled("#go")
     window.show("state")
-    chassis.inject("refuse")
-    with program(chassis, options=options):
+    plain_robot.inject("refuse")
+    with plain_robot.serving(port=port):
         eventually(lambda: window.script("store.problem.value === ''"), "the new dashboard")
         eventually(lambda: window.script("store.link.value.state !== 'connected'"), "its link")
-        chassis.clear_faults()
+        plain_robot.clear_faults()
         eventually(lambda: window.script("!store.outdated.value"), "the robot")
         window.wait_for_map()
         eventually(lambda: window.text("#alarm") == "", "the end of the alarm")
         eventually(lambda: " m" in window.text("#now .way"), "the way, asked again")
         eventually(lambda: "93 %" in window.text("#plots"), "the history")
-
-
-def test_a_page_that_may_no_longer_stop_says_so(plain_robot: RobotThread, window: Browser) -> None:
-    from selenium.webdriver.common.keys import Keys
-
-    port = own_port()
-    with plain_robot.serving(port=port) as url:
-        window.open(url)
-    with plain_robot.serving(port=port, control=False):
-        eventually(lambda: "no longer stop" in window.text("#notice"), "the loss of control")
-        assert "--control" in window.text("#notice")
-        assert not window.elements("#stop, #stick")
-        window.actions().send_keys(Keys.ESCAPE).perform()
-        eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
-    with plain_robot.serving(port=port):
-        eventually(lambda: window.elements("#stop"), "the control")
-        assert "no longer stop" not in window.text("#notice")
 
 
 def test_what_could_not_be_loaded_is_loaded_later(robot: SimulatedPage, window: Browser) -> None:
@@ -291,93 +292,23 @@ def test_what_could_not_be_loaded_is_loaded_later(robot: SimulatedPage, window: 
 
 
 def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
-    plain_robot: RobotThread, other: SimulatorThread, window: Browser
+    plain_robot: RobotThread, window: Browser
 ) -> None:
     def set_limit(limit: float) -> None:
-        def is_set() -> bool:
-            if window.script("store.fleet.value[0].speedLimit") == limit:
-                return True
-            # on a busy machine, the connection may have been too slow for it
-            window.element(f"#speed-limit option[value='{limit}']").click()
-            return False
+        window.element(f"#speed-limit option[value='{limit}']").click()
+        eventually(lambda: window.script("store.fleet.value[0].speedLimit") == limit, "the limit")
 
-        eventually(is_set, "the limit")
-
-    robots, port = (plain_robot, other), own_port()
-    with plain_robot.serving(*robots, port=port) as url:
+    port = own_port()
+    with plain_robot.serving(port=port) as url:
         window.open(url)
         window.show("setup")
         set_limit(0.1)
-    with plain_robot.serving(*robots, port=port):
+    with plain_robot.serving(port=port):
         eventually(lambda: "0.1 m/s has ended" in window.text("#notice"), "the notice")
         assert "0.1 m/s has ended" in window.text("#answer")
         eventually(lambda: window.is_enabled("#speed-limit"), "the new dashboard")
-        set_limit(0.2)
-        eventually(lambda: "has ended" not in window.text("#notice"), "the end of the notice")
-    with plain_robot.serving(*robots, port=port):
-        eventually(lambda: "0.2 m/s has ended" in window.text("#notice"), "the notice")
-        eventually(lambda: window.script("!store.outdated.value"), "the new dashboard")
         window.press("#notice .actions button")
         assert "has ended" not in window.text("#notice")
-
-
-def test_a_stop_is_for_the_robot_that_is_shown(serve: Serve, window: Browser) -> None:
-    served = serve({"robot_id": 7}, {"robot_id": 8})
-    window.open(served.url)
-    window.show("fleet")
-    cards = "[...document.querySelectorAll('.card')].map((each) => each.innerText)"
-    eventually(lambda: window.script(f"{cards}[1]").startswith("8"), "the cards")
-    assert all("Ready" in card and "93 %" in card for card in window.script(cards))
-    # the other robot is on the map
-    eventually(lambda: window.script("mapCanvas.picture().others.length") == 1, "the other")
-    for index, name in enumerate(("7 ", "8 ")):
-        window.show("fleet")
-        window.press(f"#fleet li:nth-child({index + 1}) button")
-        eventually(lambda name=name: window.script("document.title").startswith(name), name)
-        window.wait_for_map()
-
-        def is_going() -> bool:
-            # on a busy machine, the connection may be too slow for a moment
-            if window.is_enabled("#go"):
-                window.script("document.querySelector('#go')?.click()")
-            elif window.script("store.target.value === null"):
-                window.show("go")
-                window.press("#marks li:nth-child(2) button")
-            return "To A2" in window.text("#now")
-
-        eventually(is_going, "the task")
-        set_speed(served.robots[index], 0.2)  # on a busy machine, its task would end too early
-    window.show("fleet")
-    eventually(lambda: window.script(f"{cards}[0]").count("moves"), "which robots move")
-    assert window.text("#robots option[value='0']").endswith("moves")
-    assert window.text("#stop small") == "8"
-    window.press("#stop")
-    eventually(lambda: "task cancelled" in window.text("#answer"), "the answer")
-    orders = [each.counts[full_name(ActionOrder)] for each in served.robots]
-    assert (orders[0], orders[1] > 0) == (0, True)
-    window.element("#robots option[value='0']").click()
-    eventually(lambda: window.script("document.title").startswith("7 "), "the first robot")
-    eventually(lambda: "To A2" in window.text("#now"), "its task, which goes on")
-
-
-def test_robots_with_one_number_are_told_apart_and_cards_tell_what_hinders_them(
-    serve: Serve, window: Browser
-) -> None:
-    served = serve({"robot_id": 7}, {"robot_id": 7, "initialised": False})
-    window.open(served.url)
-    first = served.robots[0]
-    first.inject("key_switch")
-    window.show("fleet")
-    cards = "[...document.querySelectorAll('.card .state.warn')].map((each) => each.innerText)"
-    hindered = ["The robot is in manual mode", "The robot is not initialised"]
-    eventually(lambda: window.script(cards) == hindered, "the cards")
-    address = f"127.0.0.1:{first.port}"
-    for selector in ("#fleet .card b", "#robots option", "#stop small"):
-        assert window.text(selector).startswith(address), selector
-    first.inject("freeze")
-    eventually(lambda: window.script("store.outdated.value"), "the silence")
-    window.press("#stop")
-    eventually(lambda: f"({address})" in window.text("#alarm"), "the alarm")
 
 
 def test_names_are_shown_as_text(window: Browser, tmp_path: Path) -> None:
