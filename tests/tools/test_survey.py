@@ -28,6 +28,7 @@ from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER, Profile, load_pr
 from woosh_robot_agent.simulator.protocol.handlers import QUERIES
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
 from woosh_robot_agent.simulator.serving.exchange import Received
+from woosh_robot_agent.tools.doctor.checks import HttpAnswer
 from woosh_robot_agent.tools.doctor.learn import learn, learn_profile, profile_text
 from woosh_robot_agent.tools.doctor.observations import Observations, Redactor, SeenFrame
 from woosh_robot_agent.tools.doctor.program import main as doctor_main
@@ -326,6 +327,17 @@ def test_robot_that_answers_nothing_over_http_is_surveyed() -> None:
     text = markdown(made)
     assert "stopped early" in text
     assert "lost connections: 2" in text
+
+
+def test_a_query_that_was_answered_is_known_although_http_lacks_it() -> None:
+    refused = {**answer(MODE, 2, {})[2], "ok": False, "msg": "failed"}
+    found = observed(
+        *(request(BATTERY, 1), answer(BATTERY, 1, {"power": 50})),
+        *(request(MODE, 2), (0.1, True, refused)),
+    )
+    missing = HttpAnswer(404, "", None, 0.1)
+    made = report(found, http={BATTERY: missing, MODE: missing})
+    assert [each["verdict"] for each in made["requests"]] == ["answered", "unknown"]
 
 
 def request(name: str, sn: int, body: Json | None = None) -> tuple[float, bool, Json]:
