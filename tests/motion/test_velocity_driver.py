@@ -182,7 +182,6 @@ async def test_an_old_velocity_of_a_stream_does_not_drive(limits: dict[str, floa
         assert speeds(stream.rig.wire)[0] == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize("override", [False, True])
 @pytest.mark.parametrize(
     ("type_", "runs", "ended"),
     [
@@ -195,19 +194,17 @@ async def test_an_old_velocity_of_a_stream_does_not_drive(limits: dict[str, floa
     ],
     ids=["task", "action"],
 )
-async def test_a_velocity_is_refused_while_a_task_or_action_owns_the_robot_unless_it_may_override(
-    type_: str, runs: Frame, ended: Frame, override: bool
+async def test_a_velocity_is_refused_while_a_task_or_action_owns_the_robot(
+    type_: str, runs: Frame, ended: Frame
 ) -> None:
-    async with driving(override=override) as stream:
+    async with driving() as stream:
         await stream.rig.wire.push(type_, runs)
         await eventually(lambda: stream.gate.owner)
         stream.drive(0.1)
-        if override:
-            await stream.sent(0.1)
         await stream.rig.wire.push(type_, ended)
         await eventually(lambda: not stream.gate.owner)
         stream.drive(0.2)
-        await stream.sent(*([0.1] * override), 0.2)
+        await stream.sent(0.2)
 
 
 async def test_a_velocity_that_waits_is_not_sent_once_something_owns_the_robot() -> None:
