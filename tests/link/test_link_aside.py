@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, linked, soon
+from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, soon
 from woosh_robot_agent.link import Body, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.tasks import LARGE, aside
+from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, PoseSpeed, RobotInfo
 
@@ -130,26 +130,6 @@ async def test_a_push_that_a_newer_one_overtook_while_it_was_decoded_is_dropped(
         assert lengths == [1]
 
 
-async def test_no_push_overtakes_a_large_robot_info_of_the_handshake(gate: threading.Event) -> None:
-    """Otherwise the RobotInfo would replace newer values."""
-    async with Peer(auto=False) as peer:
-        client = peer.client()
-        seen: list[str] = []
-        client.on_snapshot(lambda _info: seen.append("info"))
-        client.subscribe(PoseSpeed, lambda _push: seen.append("push"))
-        busy = asyncio.ensure_future(aside(gate.wait, TIMEOUT))
-        client.start()
-        wire = await peer.wire()
-        await wire.answer(await wire.next(full_name(RobotInfo)), body(info(POSES)))
-        await wire.push(full_name(PoseSpeed))
-        await asyncio.sleep(0.1)  # both have arrived, and the RobotInfo waits to be decoded
-        gate.set()
-        await eventually(lambda: len(seen) == 2)
-        assert seen == ["info", "push"]
-        await client.close()
-        await busy
-
-
 async def test_an_urgent_request_overtakes_a_large_one_and_the_others_keep_their_order(
     gate: threading.Event,
 ) -> None:
@@ -189,22 +169,6 @@ async def test_a_large_request_that_is_withdrawn_while_it_is_encoded_is_not_sent
         assert frame["body"] == {"text": "last"}
         await wire.answer(frame)
         await soon(last)
-
-
-async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays() -> None:
-    async with linked() as (_peer, client, wire):
-        connection = client._connection
-        assert connection is not None
-
-        class Broken:
-            def encode(self, *_: Any, **__: Any) -> str:
-                raise ValueError("cannot be encoded")
-
-        codec, connection._codec = connection._codec, Broken()  # type: ignore[assignment]
-        with pytest.raises(ValueError, match="cannot be encoded"):
-            await soon(client.request(Speak(text="z" * LARGE)))
-        connection._codec = codec
-        assert (await answered(client.request(Speak()), wire)).ok
 
 
 async def test_a_large_robot_info_is_converted_aside_and_later_pushes_wait_for_it(

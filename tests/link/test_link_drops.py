@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 
 import pytest
 
-from tests.link.link_peer import ask, delimited, eventually, linked
-from woosh_robot_agent.link import TooManyRequestsError
+from tests.link.link_peer import delimited, eventually, linked
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import DropLog
 from woosh_robot_agent.link.subscriptions import LATEST_DEPTH
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
 CODE = "woosh.robot.count.StatusCode"
@@ -31,20 +28,6 @@ def about(caplog: pytest.LogCaptureFixture, *words: str) -> list[tuple[int, str]
         for record in caplog.records
         if any(word in record.getMessage() for word in words)
     ]
-
-
-async def test_refused_requests_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
-    async with linked(max_in_flight=1) as (_peer, client, wire):
-        waiting = ask(client, Speak(text="first"))
-        await wire.next("woosh.robot.Speak")
-        for _ in range(7):
-            with pytest.raises(TooManyRequestsError):
-                await client.request(Speak())
-        assert client.stats.refused_requests == {"woosh.robot.Speak": 7}
-    await asyncio.gather(waiting, return_exceptions=True)
-    ((level, why),) = about(caplog, "requests are in flight")
-    assert level == logging.WARNING
-    assert "woosh.robot.Speak was not sent" in why
 
 
 async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:

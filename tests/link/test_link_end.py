@@ -8,13 +8,11 @@ import pytest
 
 from tests.link.link_peer import (
     INFO,
-    KINDS,
     LOAD,
     TIMEOUT,
     Peer,
     RawServer,
     ask,
-    block,
     config,
     eventually,
     ours,
@@ -35,7 +33,9 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
 
-@pytest.mark.parametrize(("kind", "backlog"), [("json", 0), *((kind, len(LOAD)) for kind in KINDS)])
+@pytest.mark.parametrize(
+    ("kind", "backlog"), [("json", 0), ("json", len(LOAD)), ("tcp", len(LOAD))]
+)
 async def test_a_close_ends_even_if_the_other_end_reads_nothing(kind: str, backlog: int) -> None:
     async with Peer(kind) as peer:
         client = await peer.client().__aenter__()
@@ -70,22 +70,6 @@ async def test_a_cancelled_close_still_drops_the_connection(kind: str) -> None:
         await eventually(lambda: not ours())
         wire.thaw()
         await soon(wire.gone.wait())
-
-
-@pytest.mark.parametrize("pause", [1, 20])
-async def test_a_connection_whose_close_is_cancelled_is_dropped(pause: int) -> None:
-    async with Peer("tcp") as peer, peer.client(close_timeout=TIMEOUT) as client:
-        task = await block(client, await peer.wire())
-        connection = client._connection
-        assert connection is not None
-        closing = asyncio.ensure_future(connection.close(ConnectionLostError("test")))
-        await turns(pause)
-        closing.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await closing
-        assert connection._transport.backlog() == 0
-        with pytest.raises(ConnectionLostError):
-            await task
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
@@ -215,20 +199,6 @@ async def test_a_timeout_passes_on_a_cancellation_that_meets_a_result() -> None:
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
-
-
-async def test_a_timeout_cancels_the_work() -> None:
-    ended = asyncio.Event()
-
-    async def work() -> None:
-        try:
-            await asyncio.sleep(60)
-        finally:
-            ended.set()
-
-    with pytest.raises(TimeoutError):
-        await run_with_timeout(0.01, work())
-    assert ended.is_set()
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])

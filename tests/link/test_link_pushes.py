@@ -13,7 +13,6 @@ from google.protobuf.any_pb2 import Any as AnyMessage
 
 from tests.link.link_peer import (
     INFO,
-    KINDS,
     TIMEOUT,
     Frame,
     Peer,
@@ -52,7 +51,7 @@ def pose(kind: str, map_id: int) -> Any:
     return {"mapId": map_id} if kind == "json" else PoseSpeed(map_id=map_id).SerializeToString()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["json", "tcp"])
 async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) -> None:
     async with Peer(kind) as peer:
         client = peer.client()
@@ -72,7 +71,7 @@ async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) ->
         assert seen == [1, 2]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["json", "tcp"])
 async def test_subscribing_and_unsubscribing_work_while_connected(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
         first: list[int] = []
@@ -184,41 +183,29 @@ async def test_an_exception_of_a_callback_is_logged_and_delivery_goes_on(
         assert len([r for r in caplog.records if r.message == "a callback failed"]) >= 4
 
 
-async def test_an_unreadable_push_is_counted_and_logged_once(
+async def test_what_is_not_used_is_skipped_and_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
+    """Unreadable pushes, errors without a request, and pushes that nobody has subscribed to."""
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
+
+    def levels(text: str) -> list[int]:
+        return [each.levelno for each in caplog.records if text in each.getMessage()]
+
     async with linked() as (_peer, client, wire):
         seen: list[Any] = []
         client.subscribe(PoseSpeed, seen.append)
+        await wire.push("woosh.New", {"a": 1})
+        await wire.push(TASK, {"state": "not even read"})
+        for _ in range(2):
+            await wire.raw('{"type":"error","ok":false,"msg":"odd"}')
         for body in ({"mapId": "x"}, {"mapId": "y"}, {"mapId": 3}):
             await wire.push(POSE, body)
         await eventually(lambda: seen)
         assert client.stats.bad_frames == {"body": 2}
-        levels = [r.levelno for r in caplog.records if "skipped a push" in r.message]
-        assert levels == [logging.WARNING, logging.DEBUG]
-
-
-async def test_pushes_without_a_subscriber_are_ignored() -> None:
-    async with linked() as (_peer, client, wire):
-        await wire.push("woosh.New", {"a": 1})
-        await wire.push(POSE, {"mapId": "not even read"})
-        await eventually(lambda: client.stats.rx == 3)
-        await turns()
-        assert not client.stats.bad_frames
         assert client.stats.connects == 1
-
-
-async def test_an_error_without_a_request_is_logged_once(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
-    async with linked() as (_peer, client, wire):
-        for _ in range(2):
-            await wire.raw('{"type":"error","ok":false,"msg":"odd"}')
-        await eventually(lambda: client.stats.rx == 3)
-        levels = [r.levelno for r in caplog.records if r.message == "the chassis reports: odd"]
-        assert levels == [logging.WARNING, logging.DEBUG]
+        assert levels("skipped a push") == [logging.WARNING, logging.DEBUG]
+        assert levels("the chassis reports: odd") == [logging.WARNING, logging.DEBUG]
 
 
 async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
@@ -262,14 +249,12 @@ async def test_a_flood_does_not_delay_answers_and_consumers() -> None:
         seen: list[Any] = []
         client.subscribe(StatusCode, seen.append)
         one = delimited({"type": "woosh.robot.count.StatusCode", "body": b"\x08\x01"})
-        await wire.raw(one * 20_000)
+        await wire.raw(one * 5_000)
         await eventually(lambda: seen)
-        assert client.stats.rx < 20_000
-        await eventually(lambda: client.stats.rx == 20_001)
+        assert client.stats.rx < 5_000
+        await eventually(lambda: client.stats.rx == 5_001)
         await eventually(
-            lambda: (
-                len(seen) + client.stats.dropped_pushes["woosh.robot.count.StatusCode"] == 20_000
-            )
+            lambda: len(seen) + client.stats.dropped_pushes["woosh.robot.count.StatusCode"] == 5_000
         )
 
 
