@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, soon
+from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, linked, soon
 from woosh_robot_agent.link import Body, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.link.protos import full_name
@@ -169,6 +169,22 @@ async def test_a_large_request_that_is_withdrawn_while_it_is_encoded_is_not_sent
         assert frame["body"] == {"text": "last"}
         await wire.answer(frame)
         await soon(last)
+
+
+async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays() -> None:
+    async with linked() as (_peer, client, wire):
+        connection = client._connection
+        assert connection is not None
+
+        class Broken:
+            def encode(self, *_: Any, **__: Any) -> str:
+                raise ValueError("cannot be encoded")
+
+        codec, connection._codec = connection._codec, Broken()  # type: ignore[assignment]
+        with pytest.raises(ValueError, match="cannot be encoded"):
+            await soon(client.request(Speak(text="z" * LARGE)))
+        connection._codec = codec
+        assert (await answered(client.request(Speak()), wire)).ok
 
 
 async def test_a_large_robot_info_is_converted_aside_and_later_pushes_wait_for_it(

@@ -23,7 +23,6 @@ from tests.link.link_peer import (
     eventually,
     ours,
     silent,
-    soon,
     states,
     turns,
 )
@@ -172,20 +171,6 @@ async def test_async_with_fails_in_time_and_leaves_nothing() -> None:
         await client.__aenter__()
     assert client.state is LinkState.STOPPED
     assert not ours()
-
-
-@pytest.mark.parametrize("kind", ["json", "tcp"])
-async def test_async_with_can_be_cancelled(kind: str) -> None:
-    async with Peer(kind, auto=False) as peer:
-        client = peer.client()
-        entering = asyncio.ensure_future(client.__aenter__())
-        wire = await peer.wire()
-        await wire.next(INFO)
-        entering.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await entering
-        assert not ours()
-        await soon(wire.gone.wait())
 
 
 async def test_a_lost_link_comes_back() -> None:

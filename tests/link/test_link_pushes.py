@@ -25,13 +25,14 @@ from tests.link.link_peer import (
     turns,
 )
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.reports import LinkRecord
+from woosh_robot_agent.link.reports import DropLog, LinkRecord
 from woosh_robot_agent.link.subscriptions import LATEST_DEPTH, PushQueue, Subscriptions
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
 
+CODE = "woosh.robot.count.StatusCode"
 POSE = "woosh.robot.PoseSpeed"
 TASK = "woosh.robot.TaskProc"
 
@@ -215,7 +216,7 @@ async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
         client.subscribe(StatusCode, lambda message: codes.append(message.code))
         client.subscribe(PoseSpeed, lambda message: poses.append(message.map_id))
         for number in range(1, 501):
-            await wire.push("woosh.robot.count.StatusCode", {"code": str(number)})
+            await wire.push(CODE, {"code": str(number)})
             await wire.push(POSE, {"mapId": number})
         await eventually(lambda: len(codes) == 500 and poses and poses[-1] == 500)
         assert codes == list(range(1, 501))
@@ -238,7 +239,7 @@ async def test_a_slow_consumer_does_not_delay_answers() -> None:
 
         client.subscribe(StatusCode, slow)
         for number in range(40):
-            await wire.push("woosh.robot.count.StatusCode", {"code": str(number)})
+            await wire.push(CODE, {"code": str(number)})
         await eventually(lambda: seen)
         await answered(client.request(Speak()), wire)
         assert len(seen) < 40  # the answer came before all of them were delivered
@@ -248,14 +249,54 @@ async def test_a_flood_does_not_delay_answers_and_consumers() -> None:
     async with linked("tcp") as (_peer, client, wire):
         seen: list[Any] = []
         client.subscribe(StatusCode, seen.append)
-        one = delimited({"type": "woosh.robot.count.StatusCode", "body": b"\x08\x01"})
+        one = delimited({"type": CODE, "body": b"\x08\x01"})
         await wire.raw(one * 5_000)
         await eventually(lambda: seen)
         assert client.stats.rx < 5_000
         await eventually(lambda: client.stats.rx == 5_001)
-        await eventually(
-            lambda: len(seen) + client.stats.dropped_pushes["woosh.robot.count.StatusCode"] == 5_000
-        )
+        await eventually(lambda: len(seen) + client.stats.dropped_pushes[CODE] == 5_000)
+
+
+# Drops
+
+
+async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
+    async with linked("tcp", push_queue=2) as (_peer, client, wire):
+        seen: list[int] = []
+        client.subscribe(StatusCode, lambda message: seen.append(message.code))
+        await wire.raw(delimited({"type": CODE, "body": b"\x08\x01"}) * 1000)  # read together
+        await eventually(lambda: len(seen) + client.stats.dropped_pushes[CODE] == 1000)
+        await wire.push(CODE, b"\x08\x09")
+        await eventually(lambda: seen[-1:] == [9])
+        assert client.stats.dropped_pushes[CODE]
+    (logged,) = [each for each in caplog.records if CODE in each.getMessage()]
+    assert logged.levelno == logging.WARNING
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+async def test_no_push_of_a_burst_is_dropped_if_the_consumer_is_quick(kind: str) -> None:
+    async with linked(kind) as (_peer, client, wire):
+        seen: list[int] = []
+        client.subscribe(PoseSpeed, lambda message: seen.append(message.mileage))
+        pushes = range(10 * LATEST_DEPTH)
+        for number in pushes:  # without a pause, so that many are read together
+            packed = PoseSpeed(mileage=number).SerializeToString()
+            await wire.push(POSE, packed if kind == "tcp" else {"mileage": number})
+        await eventually(lambda: seen[-1:] == [pushes[-1]])
+        assert not client.stats.dropped_pushes
+        assert seen == list(pushes)
+
+
+def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drops = DropLog(logging.getLogger("woosh_robot_agent.link"), quiet=3.0)
+    for now in (1.0, 3.0, 5.0, 9.0):
+        monkeypatch.setattr("time.monotonic", lambda now=now: now)
+        drops.warn("things", f"lost at {now}")
+    drops.warn("others", "others lost")
+    texts = [each.getMessage() for each in caplog.records]
+    assert texts == ["lost at 1.0", "lost at 9.0", "others lost"]
 
 
 # The queue

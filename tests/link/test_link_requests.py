@@ -240,6 +240,17 @@ async def test_a_request_without_a_link_says_why() -> None:
                 await client.request(Speak())
 
 
+async def test_a_request_at_the_moment_of_a_loss_says_why() -> None:
+    async with Peer() as peer, peer.client() as client:
+        assert client._connection is not None
+        client._connection._fail(ConnectionLostError("gone"))
+        client._connection._fail(ConnectionLostError("a consequence"))
+        with pytest.raises(
+            NotConnectedError, match=rf"not connected to ws://127\.0\.0\.1:{peer.port} since.*gone"
+        ):
+            await client.request(Speak())
+
+
 async def test_the_links_own_requests_name_the_robot() -> None:
     async with Peer("tcp") as peer, peer.client(robot_id=7, liveness_timeout=0.3):
         wire = await peer.wire()
@@ -302,3 +313,33 @@ async def test_the_round_trip_is_measured() -> None:
         assert client.stats.round_trip is not None
         assert 0 < client.stats.round_trip < 2
         assert (client.stats.connects, client.stats.rx, client.stats.tx) == (1, 1, 1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
+    picture = "z" * (1024 * 1024)
+    async with linked(kind) as (_peer, client, wire):
+        task = ask(client, Speak(text=picture))
+        frame = await wire.next()
+        assert len(frame["body"]["text"] if kind == "json" else frame["body"]) >= len(picture)
+        await wire.answer(frame, frame["body"])
+        answer = await soon(task)
+        assert isinstance(answer.body, Speak)
+        assert answer.body.text == picture
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+async def test_traffic_shows_what_arrives_and_what_waits(kind: str) -> None:
+    async with linked(kind) as (_peer, client, wire):
+        received, _ = client.traffic()
+        assert received > 0
+        text = "x" * 100_000
+        body = {"text": text} if kind == "json" else Speak(text=text).SerializeToString()
+        await answered(client.request(Speak()), wire, body)
+        assert len(text) < client.traffic()[0] - received < 2 * len(text)
+        big = ask(client, Speak(text="x" * 20_000_000))
+        await eventually(lambda: client.traffic()[1] > 1_000_000)
+        await wire.answer(await wire.next())
+        await soon(big)
+        assert client.traffic()[1] == 0
+    assert client.traffic() == (0, 0)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
+
+import pytest
 
 from tests.link.link_peer import Frame, Wire, eventually
 from tests.motion.gate_checks import answer_all, gated
@@ -53,3 +56,19 @@ async def test_a_removal_that_the_end_of_a_navigation_prevents_is_sent_in_the_ne
         await eventually(lambda: not limiter.is_limited)
     assert limited == [True, False, True, False]
     assert refused == []
+
+
+async def test_a_limit_that_may_not_be_sent_is_logged_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    async with gated() as rig:
+        rig.client.permit_only(lambda _message: False, "nothing is sent")
+        limiter = SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append)
+        limiter.limit(0.3)
+        for number in (1, 2, 3):
+            await rig.wire.push(TASK_PROC, navigating(number))
+        await eventually(lambda: caplog.text.count("nothing is sent") == 3)
+        warnings = [each.message for each in caplog.records if each.levelname == "WARNING"]
+        assert len(warnings) == 1, warnings
+        assert warnings[0].startswith("the speed limit was not sent")

@@ -114,13 +114,6 @@ async def test_the_status_code_after_the_answer_gives_the_reason(
     assert reason.endswith(f"status code {number}: {meaning}")
 
 
-async def test_the_meaning_stands_beside_a_text_in_another_language():
-    rig = RefusingRig(READY, (), (code(NOT_AUTOMATIC, msg="非自动模式"),), patient=True)
-    assert await reason_of(rig, ExecTask(task_id=1)) == (
-        f"status code {NOT_AUTOMATIC}: 非自动模式 (action refused: not in automatic mode)"
-    )
-
-
 async def test_an_earlier_an_unrelated_and_a_late_status_code_give_no_reason():
     unrelated = (UNRELATED, NO_SPEED_CONTROL, NOT_NAVIGATING, STEP_OCCUPIED)
     rig = RefusingRig(READY, (code(NOT_AUTOMATIC),), tuple(map(code, unrelated)))

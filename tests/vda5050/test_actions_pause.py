@@ -381,6 +381,26 @@ async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(site: Site, tmp_p
             assert nodes_left(paused) == "b"
 
 
+async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_restart(
+    site: Site, tmp_path: Path
+) -> None:
+    async with Master(site.broker.port) as master, site.other_client() as gate:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await site.drive(master)
+            site.chassis.refuse(ORDER, "not now")
+            master.instant(action("cancelOrder", "c"))
+            await eventually(lambda: site.chassis.counts[ORDER])
+            left = left_by_a_kill(tmp_path / "state")
+        site.chassis.clear_faults()
+        master.received.clear()
+        set_speed(site.chassis, 20.0)
+        assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
+        await site.idle()
+        async with site.vehicle(state_folder=left):
+            ended = await master.status("c", "FINISHED")
+            assert (ended["nodeStates"], ended["errors"]) == ([], [])
+
+
 async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action_runs(
     site: Site, tmp_path: Path
 ) -> None:

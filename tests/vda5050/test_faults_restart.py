@@ -277,6 +277,16 @@ def test_a_damaged_file_is_put_aside(tmp_path: Path, content: bytes) -> None:
     assert file.with_suffix(".damaged").read_bytes() == content
 
 
+def test_a_file_that_could_not_be_read_is_read_when_that_is_corrected(tmp_path: Path) -> None:
+    (tmp_path / FILE).mkdir()
+    opened = store.Store(tmp_path, FILE.removesuffix(".json"))
+    with pytest.raises(OSError):
+        opened.open()
+    (tmp_path / FILE).rmdir()
+    assert opened.open() == (store.Record(), None)
+    opened.close()
+
+
 async def test_a_vehicle_reports_a_damaged_file_until_its_next_order(
     site: Site, tmp_path: Path
 ) -> None:
@@ -311,7 +321,9 @@ async def test_an_action_that_waited_for_another_is_performed_after_a_kill(
     assert site.chassis.state.spoken == ("hello",)
 
 
-@pytest.mark.parametrize(("kind", "what"), [("startPause", "step"), ("cancelOrder", "pick")])
+@pytest.mark.parametrize(
+    ("kind", "what"), [("startPause", "step"), ("startPause", "pick"), ("cancelOrder", "pick")]
+)
 async def test_what_an_action_has_begun_before_a_kill_is_stopped(
     site: Site, tmp_path: Path, kind: str, what: str
 ) -> None:

@@ -205,6 +205,13 @@ def test_the_next_leg_begins_when_the_blocking_action_has_ended() -> None:
     assert robot.actions == {"pick": "FINISHED"}
 
 
+def test_a_blocking_action_of_an_edge_ends_before_the_vehicle_drives() -> None:
+    robot = given(path("ab", actions={"ab": [action("lift", SOFT)]}))
+    assert (robot.legs, robot.actions) == ([], {"lift": "INITIALIZING"})
+    robot.finish("lift")
+    assert robot.legs == ["b"]
+
+
 def test_actions_wait_for_each_other_by_their_blocking_types() -> None:
     actions = [action("1", NONE), action("2", SOFT), action("3", HARD), action("4", SINGLE)]
     robot = given(path("ab", actions={"a": actions}))

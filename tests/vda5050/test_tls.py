@@ -215,7 +215,9 @@ def test_the_documented_rights_are_those_of_the_tests() -> None:
         (["mqtt://host", "--ca-file", "ca.crt"], {}, "needs TLS"),
         (["mqtts://host", "--ca-file", "/none/ca.crt"], {}, "No such file"),
         (["mqtts://host", "--key-file", "k"], {}, "--key-file needs --cert-file"),
+        (["mqtts://host", "--cert-file", "/none/c"], {}, "No such file"),
         (["mqtt://host"], {"VDA5050_PASSWORD": "x"}, "needs a user name"),
+        (["mqtt://u@host", "--password-file", "/none/p"], {}, "No such file"),
         (["mqtt://u@host", "--password-file", os.devnull], {}, "no password in"),
     ],
 )
