@@ -13,6 +13,7 @@ from tests.link.link_peer import (
     Peer,
     RawServer,
     ask,
+    block,
     config,
     eventually,
     ours,
@@ -70,6 +71,22 @@ async def test_a_cancelled_close_still_drops_the_connection(kind: str) -> None:
         await eventually(lambda: not ours())
         wire.thaw()
         await soon(wire.gone.wait())
+
+
+@pytest.mark.parametrize("pause", [1, 20])
+async def test_a_connection_whose_close_is_cancelled_is_dropped(pause: int) -> None:
+    async with Peer("tcp") as peer, peer.client(close_timeout=TIMEOUT) as client:
+        task = await block(client, await peer.wire())
+        connection = client._connection
+        assert connection is not None
+        closing = asyncio.ensure_future(connection.close(ConnectionLostError("test")))
+        await turns(pause)
+        closing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await closing
+        assert connection._transport.backlog() == 0
+        with pytest.raises(ConnectionLostError):
+            await task
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])
