@@ -13,7 +13,7 @@ import pytest
 from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config, set_speed
 from tests.vda5050.chassis_events import received
-from tests.vda5050.conftest import EXEC, ORDER, Site
+from tests.vda5050.conftest import EXEC, ORDER, Site, scene_with_start
 from tests.vda5050.master import (
     START,
     Master,
@@ -94,6 +94,23 @@ async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Si
         assert status_of(ended, "words") == "FINISHED"
     assert site.chassis.state.spoken == ("ready",)
     assert site.chassis.counts[EXEC] == 1
+
+
+async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(
+    site: Site, restart: Restart, tmp_path: Path
+) -> None:
+    words = action("speak", "words", blocking="SOFT", text="ready")
+    async with site.online() as master:
+        site.chassis.mute(SPEAK)
+        master.order([node("a", 0, *START, actions=[words]), node("b", 2, 8.0, -7.5)])
+        await eventually(lambda: site.chassis.counts[SPEAK])
+        lift = action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001)
+        master.instant(lift)
+        await master.status("lift", "RUNNING")
+        scene = scene_with_start(tmp_path / "scene", f"6.0, {START[1]}, 0.0")
+        restarted = restart(scenes=(scene,))
+        await master.error("interruptedError")
+        assert restarted.counts[EXEC] == 0
 
 
 async def test_a_node_that_was_passed_without_a_link_counts_when_the_robot_is_known_to_drive_on(
