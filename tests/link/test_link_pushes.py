@@ -273,20 +273,6 @@ async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFi
     assert logged.levelno == logging.WARNING
 
 
-@pytest.mark.parametrize("kind", ["json", "tcp"])
-async def test_no_push_of_a_burst_is_dropped_if_the_consumer_is_quick(kind: str) -> None:
-    async with linked(kind) as (_peer, client, wire):
-        seen: list[int] = []
-        client.subscribe(PoseSpeed, lambda message: seen.append(message.mileage))
-        pushes = range(10 * LATEST_DEPTH)
-        for number in pushes:  # without a pause, so that many are read together
-            packed = PoseSpeed(mileage=number).SerializeToString()
-            await wire.push(POSE, packed if kind == "tcp" else {"mileage": number})
-        await eventually(lambda: seen[-1:] == [pushes[-1]])
-        assert not client.stats.dropped_pushes
-        assert seen == list(pushes)
-
-
 def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -338,7 +338,7 @@ async def test_what_an_action_has_begun_before_a_kill_is_stopped(
             await master.online()
             master.order(nodes)
             await master.status(what, "RUNNING")
-            set_speed(site.chassis, 0.3)
+            set_speed(site.chassis, 0.05)
             await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
             left = left_by_a_kill(tmp_path / "state")
         master.received.clear()
