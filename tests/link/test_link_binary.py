@@ -43,16 +43,6 @@ def test_an_answer_as_on_the_wire() -> None:
     assert CODEC.body(envelope, Mode) == Mode(ctrl=1, work=2)  # type: ignore[arg-type]
 
 
-def test_a_push_has_neither_sn_nor_ok() -> None:
-    envelope = CODEC.decode(packed({"type": "woosh.robot.Mode", "body": b""}))
-    assert (envelope.sn, envelope.ok) == (0, None)
-
-
-def test_a_refusal_needs_neither_body_nor_type() -> None:
-    envelope = CODEC.decode(packed({"msg": "no", "sn": 9}))
-    assert (envelope.ok, envelope.msg, envelope.sn) == (False, "no", 9)
-
-
 @pytest.mark.parametrize(
     ("data", "kind"),
     [
@@ -68,10 +58,3 @@ def test_data_that_is_not_a_frame_gives_an_error_of_its_kind(data: str | bytes, 
     with pytest.raises(FrameError) as caught:
         CODEC.decode(data)
     assert caught.value.kind == kind
-
-
-def test_a_body_that_cannot_be_read_is_a_frame_error() -> None:
-    envelope = CODEC.decode(packed({"type": "woosh.robot.Mode", "body": b"\xff", "sn": 1}))
-    with pytest.raises(FrameError) as caught:
-        CODEC.body(envelope, Mode)
-    assert caught.value.kind == "body"

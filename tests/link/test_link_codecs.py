@@ -18,8 +18,7 @@ from woosh_robot_agent.link.codecs.json_codec import JsonCodec, from_json
 from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.frames import FieldError, FrameError
 from woosh_robot_agent.link.protos import message_types
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, ScannerData
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
 TYPES = message_types()
 TABLE = sorted(
@@ -68,27 +67,6 @@ def test_no_json_name_is_ambiguous() -> None:
                 assert owner.setdefault(alias, field.name) == field.name, name
 
 
-def read(codec: Any, data: str | bytes) -> None:
-    try:
-        envelope = codec.decode(data)
-    except FrameError as error:
-        check_told(error)
-        return
-    envelope.msg.encode()
-    for cls in (PoseSpeed, RobotInfo, ScannerData, ExecTask, TYPES.get(envelope.type)):
-        try:
-            if cls is not None:
-                codec.body(envelope, cls)
-        except FrameError as error:
-            check_told(error)
-
-
-def check_told(error: FrameError) -> None:
-    assert error.kind
-    assert str(error)
-    str(error).encode()  # an error text that can be logged
-
-
 surrogates = st.text(st.characters(codec=None), max_size=5)
 leaves = (
     st.none()
@@ -106,7 +84,7 @@ trees = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck), database=None)
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck), database=None)
 @given(st.data())
 def test_any_value_in_any_field_gives_a_value_or_a_field_error(data: st.DataObject) -> None:
     cls = TYPES[data.draw(st.sampled_from(TABLE))]
@@ -119,20 +97,16 @@ def test_any_value_in_any_field_gives_a_value_or_a_field_error(data: st.DataObje
         str(error).encode()
 
 
-@pytest.mark.parametrize("depth", [50, 300, 800, 950, 990, 5000, 200_000])
-def test_deep_nesting_gives_a_value_or_a_frame_error(depth: int) -> None:
-    for open_, close in (("[", "]"), ('{"a":', "}"), ('{"twist":', "}"), ('{"info":', "}")):
-        deep = open_ * depth + "1" + close * depth
-        for key in ("body", "msg", "sn", "timestamp", "type", "ok"):
-            read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","sn":1,"{key}":{deep}}}')
-        read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":{deep}}}}}')
-        read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","body":{{"twist":{deep}}}}}')
-
-
-def test_nesting_near_the_recursion_limit_gives_a_value_or_a_frame_error() -> None:
-    for depth in range(700, 1000):  # around the recursion limit of the interpreter
-        deep = '{"a":' * depth + "1" + "}" * depth
-        read(CODECS[0], f'{{"type":"woosh.robot.PoseSpeed","body":{{"mapId":{deep}}}}}')
+def test_deep_nesting_gives_a_value_or_a_frame_error() -> None:
+    """Also around the recursion limit of the interpreter."""
+    for depth in (50, *range(700, 1000, 3), 5000, 200_000):
+        for key in ("mapId", "twist"):
+            deep = '{"a":' * depth + "1" + "}" * depth
+            frame = f'{{"type":"woosh.robot.PoseSpeed","sn":1,"body":{{"{key}":{deep}}}}}'
+            try:
+                JsonCodec().body(JsonCodec().decode(frame), PoseSpeed)
+            except FrameError as error:
+                str(error).encode()  # an error text that can be logged
 
 
 def test_the_text_of_an_error_is_short_and_quick_to_make_for_a_map() -> None:
@@ -154,7 +128,6 @@ def test_the_text_of_an_error_is_short_and_quick_to_make_for_a_map() -> None:
     [
         ("woosh.robot.PoseSpeed", {"pose": {"y": "x" * 100_000}}),
         ("woosh.robot.ScannerData", {"ranges": ["x" * 100_000]}),
-        ("woosh.robot.PoseSpeed", {"pose": {"y": "9" * 100_000 + "x"}}),
         ("woosh.robot.PoseSpeed", {"mapId": "x" * 100_000}),
     ],
 )

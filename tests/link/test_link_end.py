@@ -8,7 +8,6 @@ import pytest
 
 from tests.link.link_peer import (
     INFO,
-    KINDS,
     LOAD,
     TIMEOUT,
     Peer,
@@ -35,7 +34,9 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 
 
-@pytest.mark.parametrize(("kind", "backlog"), [("json", 0), *((kind, len(LOAD)) for kind in KINDS)])
+@pytest.mark.parametrize(
+    ("kind", "backlog"), [("json", 0), ("json", len(LOAD)), ("tcp", len(LOAD))]
+)
 async def test_a_close_ends_even_if_the_other_end_reads_nothing(kind: str, backlog: int) -> None:
     async with Peer(kind) as peer:
         client = await peer.client().__aenter__()
@@ -215,20 +216,6 @@ async def test_a_timeout_passes_on_a_cancellation_that_meets_a_result() -> None:
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
-
-
-async def test_a_timeout_cancels_the_work() -> None:
-    ended = asyncio.Event()
-
-    async def work() -> None:
-        try:
-            await asyncio.sleep(60)
-        finally:
-            ended.set()
-
-    with pytest.raises(TimeoutError):
-        await run_with_timeout(0.01, work())
-    assert ended.is_set()
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])

@@ -11,10 +11,7 @@ import pytest
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec, from_json, to_json
 from woosh_robot_agent.link.frames import FieldError, FrameError
 from woosh_robot_agent.pb.dispatch import robot_pb2 as dispatch
-from woosh_robot_agent.pb.map.mark_pb2 import Storage
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
-    ExecTask,
-    InitRobot,
     SetOccupancy,
     SwitchControlMode,
 )
@@ -109,15 +106,8 @@ def test_floats_are_written_short_and_exact() -> None:
     assert '"x":-8.881,"y":1e+30,"theta":0.1' in text
 
 
-def test_defaults_are_written_on_request_as_the_chassis_does() -> None:
+def test_text_is_written_as_utf8_and_defaults_on_request() -> None:
     assert to_json(Mode(), defaults=True) == {"ctrl": 0, "work": 0}
-    written = to_json(TaskProc(), defaults=True)
-    assert written["robotTaskId"] == "0"
-    assert "action" not in written
-    assert to_json(ScannerData(), defaults=True)["ranges"] == []
-
-
-def test_text_is_written_as_utf8() -> None:
     assert "机器人" in CODEC.encode("t", TaskProc(msg="机器人"))
 
 
@@ -138,35 +128,27 @@ def test_a_foreign_type_in_an_any_is_a_field_error() -> None:
 # Reading
 
 
-def test_an_answer_as_on_the_wire() -> None:
-    envelope = CODEC.decode(POSE_ANSWER)
-    assert (envelope.type, envelope.ok, envelope.msg) == ("woosh.robot.PoseSpeed", True, "")
-    assert (envelope.sn, envelope.timestamp) == (7, 1700000000012)
-    pose = CODEC.body(envelope, PoseSpeed)
+def test_frames_as_on_the_wire() -> None:
+    answer = CODEC.decode(POSE_ANSWER)
+    assert (answer.type, answer.ok, answer.msg) == ("woosh.robot.PoseSpeed", True, "")
+    assert (answer.sn, answer.timestamp) == (7, 1700000000012)
+    pose = CODEC.body(answer, PoseSpeed)
     assert (pose.robot_id, pose.mileage, pose.map_id) == (30001, 1204, 0)
     assert pose.pose.x == pytest.approx(-8.881)
     assert pose.twist.linear == pytest.approx(0.2)
 
+    other_type = CODEC.decode(SWITCH_ANSWER)
+    assert (other_type.type, other_type.msg) == ("woosh.robot.Mode", "Request succeed")
+    assert CODEC.body(other_type, Mode) == Mode(ctrl=1, work=2)  # type: ignore[arg-type]
 
-def test_an_answer_of_another_type_as_on_the_wire() -> None:
-    envelope = CODEC.decode(SWITCH_ANSWER)
-    mode = CODEC.body(envelope, Mode)
-    assert (envelope.type, envelope.msg, envelope.sn) == ("woosh.robot.Mode", "Request succeed", 8)
-    assert (mode.ctrl, mode.work) == (1, 2)
-
-
-def test_a_push_as_on_the_wire() -> None:
-    envelope = CODEC.decode(TASK_PUSH)
-    task = CODEC.body(envelope, TaskProc)
-    assert (envelope.sn, envelope.ok, envelope.timestamp) == (0, None, None)
+    push = CODEC.decode(TASK_PUSH)
+    assert (push.sn, push.ok, push.timestamp) == (0, None, None)
+    task = CODEC.body(push, TaskProc)
     assert (task.robot_task_id, task.state, task.dest) == (68241434201, 3, "K10")
     assert task.action.type == 1
 
-
-def test_a_failed_answer_as_on_the_wire() -> None:
-    envelope = CODEC.decode(FAILED)
-    assert (envelope.ok, envelope.sn) == (False, 9)
-    assert envelope.msg == "robot is not initialised"
+    failed = CODEC.decode(FAILED)
+    assert (failed.ok, failed.sn, failed.msg) == (False, 9, "robot is not initialised")
 
 
 def test_unknown_fields_are_skipped() -> None:
@@ -234,51 +216,32 @@ def test_nan_and_infinity_are_accepted_as_numbers_and_as_text() -> None:
     assert ranges[1:3] == ranges[4:6] == [math.inf, -math.inf]
 
 
-def test_the_later_of_two_members_of_a_oneof_wins() -> None:
-    storage = body({"rack": {}, "charger": {}}, Storage())
-    assert storage.WhichOneof("category") == "charger"
-
-
-def test_the_later_of_two_equal_keys_wins() -> None:
-    text = '{"type":"t","body":{"mapId":1,"mapId":2,"map_id":3},"sn":1,"sn":2}'
-    envelope = CODEC.decode(text)
-    assert envelope.sn == 2
-    assert CODEC.body(envelope, PoseSpeed).map_id == 3
-
-
 @pytest.mark.parametrize(
     ("cls", "data", "path"),
     [
         (PoseSpeed, {"mapId": 2**32}, "map_id"),
         (PoseSpeed, {"mapId": -1}, "map_id"),
-        (PoseSpeed, {"mapId": 10**400}, "map_id"),
         (PoseSpeed, {"mapId": "9" * 5000}, "map_id"),
         (PoseSpeed, {"mapId": "1e999"}, "map_id"),
         (PoseSpeed, {"mapId": 1.5}, "map_id"),
         (PoseSpeed, {"mapId": True}, "map_id"),
         (PoseSpeed, {"mapId": math.nan}, "map_id"),
-        (PoseSpeed, {"mapId": "x"}, "map_id"),
         (PoseSpeed, {"mapId": {}}, "map_id"),
         (PoseSpeed, {"pose": {"x": "far"}}, "pose.x"),
         (PoseSpeed, {"pose": {"x": True}}, "pose.x"),
         (PoseSpeed, {"pose": {"x": 10**400}}, "pose.x"),
         (PoseSpeed, {"pose": 3}, "pose"),
         (PoseSpeed, [], ""),
-        (TaskProc, {"robotTaskId": 2**63}, "robot_task_id"),
         (TaskProc, {"dest": 5}, "dest"),
         (TaskProc, {"dest": "\ud800"}, "dest"),
         (Mode, {"ctrl": 2**40}, "ctrl"),
-        (Mode, {"ctrl": True}, "ctrl"),
         (Mode, {"ctrl": []}, "ctrl"),
-        (SetOccupancy, {"occupy": "yes"}, "occupy"),
         (SetOccupancy, {"occupy": 2}, "occupy"),
         (ScannerData, {"ranges": 1.5}, "ranges"),
         (ScannerData, {"ranges": [1, "x"]}, "ranges[1]"),
         (Network.WiFi, {"listJson": "ä"}, "list_json"),
         (Network.WiFi, {"listJson": "/wA=="[:1]}, "list_json"),
         (RobotInfo, {"taskHistory": {"tes": [{}, {"time": "x"}]}}, "task_history.tes[1].time"),
-        (ExecTask, {"taskId": []}, "task_id"),
-        (InitRobot, {"pose": {"x": []}}, "pose.x"),
     ],
 )
 def test_a_value_that_does_not_fit_names_its_field(cls: Any, data: Any, path: str) -> None:
@@ -298,21 +261,17 @@ def test_a_value_that_does_not_fit_names_its_field(cls: Any, data: Any, path: st
         ("", "json"),
         ("{", "json"),
         ("[1]", "envelope"),
-        ("7", "envelope"),
         ("null", "envelope"),
         ("{}", "envelope"),
-        ('{"body":{}}', "envelope"),
         ('{"type":5}', "envelope"),
         ('{"type":""}', "envelope"),
         ('{"type":"t","sn":"x"}', "envelope"),
         ('{"type":"t","sn":7.5}', "envelope"),
-        ('{"type":"t","sn":true}', "envelope"),
         ('{"type":"t","sn":[]}', "envelope"),
         ('{"type":"t","sn":1e999}', "envelope"),
         ('{"type":"t","sn":"' + "9" * 4000 + '"}', "envelope"),
         ('{"type":"t","sn":"0x10"}', "envelope"),
         ('{"type":"t","body":{"x":' + "9" * 100_000 + "}}", "json"),
-        (b'{"type":"t\xff"}', "utf-8"),
         (b"\xff", "utf-8"),
     ],
 )
@@ -321,10 +280,6 @@ def test_data_that_is_not_a_frame_gives_an_error_of_its_kind(text: str | bytes, 
         CODEC.decode(text)
     assert caught.value.kind == kind
     assert len(str(caught.value)) < 300
-
-
-def test_an_answer_without_a_type_is_still_an_answer() -> None:
-    assert CODEC.decode('{"sn":3,"ok":true}').type == ""
 
 
 @pytest.mark.parametrize(

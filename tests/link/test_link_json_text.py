@@ -16,7 +16,7 @@ from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData, TaskProc
 
 quick = settings(
-    max_examples=40, deadline=None, suppress_health_check=list(HealthCheck), database=None
+    max_examples=15, deadline=None, suppress_health_check=list(HealthCheck), database=None
 )
 BOTH_PARSERS = pytest.mark.usefixtures("parser")
 WRITABLE = st.recursive(
@@ -56,11 +56,6 @@ def test_each_value_is_written_as_by_the_standard_library(value: Any) -> None:
 
 
 @BOTH_PARSERS
-def test_written_text_has_no_spaces() -> None:
-    assert json_text.write({"a": [1, "é", None], "b": {}}) == '{"a":[1,"é",null],"b":{}}'
-
-
-@BOTH_PARSERS
 def test_deep_nesting_is_written() -> None:
     deep: list[Any] = []
     for _ in range(400):
@@ -91,32 +86,13 @@ def test_what_orjson_refuses_or_could_read_otherwise(text: str) -> None:
 
 
 @BOTH_PARSERS
-@pytest.mark.parametrize(
-    "text", ["", "{", "[01]", "[1,]", '["\t"]', "\ufeff[]", b"\xff", b'"\xed\xa0\x80"']
-)
-def test_an_error_has_the_same_text(text: str | bytes) -> None:
-    with pytest.raises(ValueError) as expected:
-        json.loads(text if isinstance(text, str) else text.decode())
-    with pytest.raises(type(expected.value)) as found:
-        json_text.parse(text)
-    assert str(found.value) == str(expected.value)
-
-
-@BOTH_PARSERS
-@pytest.mark.parametrize(("name", "field"), [("robotTaskId", "robot_task_id"), ("time", "time")])
-def test_a_number_of_30_digits_fits_no_integer(name: str, field: str) -> None:
+def test_a_number_of_30_digits_is_a_float_and_fits_no_integer() -> None:
     codec = JsonCodec()
-    envelope = codec.decode(json.dumps({"type": "t", "body": {name: 10**30}}))
-    with pytest.raises(FrameError, match=f"{field}: .* does not fit"):
+    envelope = codec.decode(json.dumps({"type": "t", "body": {"robotTaskId": 10**30}}))
+    with pytest.raises(FrameError, match=r"robot_task_id: .* does not fit"):
         codec.body(envelope, TaskProc)
-
-
-@BOTH_PARSERS
-def test_a_number_of_30_digits_is_a_float_too() -> None:
-    codec = JsonCodec()
     body = {"rangeMax": 10**30, "ranges": [1, math.nan]}
-    envelope = codec.decode(json.dumps({"type": "t", "body": body}))
-    scan = codec.body(envelope, ScannerData)
+    scan = codec.body(codec.decode(json.dumps({"type": "t", "body": body})), ScannerData)
     assert scan.range_max == pytest.approx(1e30)
     assert math.isnan(scan.ranges[1])
 

@@ -110,15 +110,6 @@ async def test_another_robot_at_a_new_address_is_refused() -> None:
             assert frame not in [frame for wire in two.wires for frame in wire.seen]
 
 
-async def test_pushes_before_the_first_robot_info_are_held_until_it_is_known() -> None:
-    async with Peer(script=push_first) as peer:
-        peer.info = info(1)
-        client = peer.client()
-        told = follow(client)
-        async with client:
-            await eventually(lambda: told == [11, "robot 1"])
-
-
 async def test_pushes_of_a_failed_handshake_are_discarded() -> None:
     async def refuse_first(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == INFO and len(wire.peer.wires) == 1:

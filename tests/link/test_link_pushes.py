@@ -13,7 +13,6 @@ from google.protobuf.any_pb2 import Any as AnyMessage
 
 from tests.link.link_peer import (
     INFO,
-    KINDS,
     TIMEOUT,
     Frame,
     Peer,
@@ -26,13 +25,14 @@ from tests.link.link_peer import (
     turns,
 )
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.reports import LinkRecord
+from woosh_robot_agent.link.reports import DropLog, LinkRecord
 from woosh_robot_agent.link.subscriptions import LATEST_DEPTH, PushQueue, Subscriptions
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson, Subscription
 
+CODE = "woosh.robot.count.StatusCode"
 POSE = "woosh.robot.PoseSpeed"
 TASK = "woosh.robot.TaskProc"
 
@@ -52,7 +52,7 @@ def pose(kind: str, map_id: int) -> Any:
     return {"mapId": map_id} if kind == "json" else PoseSpeed(map_id=map_id).SerializeToString()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["json", "tcp"])
 async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) -> None:
     async with Peer(kind) as peer:
         client = peer.client()
@@ -72,7 +72,7 @@ async def test_subscriptions_are_sent_first_and_again_on_each_link(kind: str) ->
         assert seen == [1, 2]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["json", "tcp"])
 async def test_subscribing_and_unsubscribing_work_while_connected(kind: str) -> None:
     async with linked(kind) as (_peer, client, wire):
         first: list[int] = []
@@ -184,41 +184,29 @@ async def test_an_exception_of_a_callback_is_logged_and_delivery_goes_on(
         assert len([r for r in caplog.records if r.message == "a callback failed"]) >= 4
 
 
-async def test_an_unreadable_push_is_counted_and_logged_once(
+async def test_what_is_not_used_is_skipped_and_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
+    """Unreadable pushes, errors without a request, and pushes that nobody has subscribed to."""
     caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
+
+    def levels(text: str) -> list[int]:
+        return [each.levelno for each in caplog.records if text in each.getMessage()]
+
     async with linked() as (_peer, client, wire):
         seen: list[Any] = []
         client.subscribe(PoseSpeed, seen.append)
+        await wire.push("woosh.New", {"a": 1})
+        await wire.push(TASK, {"state": "not even read"})
+        for _ in range(2):
+            await wire.raw('{"type":"error","ok":false,"msg":"odd"}')
         for body in ({"mapId": "x"}, {"mapId": "y"}, {"mapId": 3}):
             await wire.push(POSE, body)
         await eventually(lambda: seen)
         assert client.stats.bad_frames == {"body": 2}
-        levels = [r.levelno for r in caplog.records if "skipped a push" in r.message]
-        assert levels == [logging.WARNING, logging.DEBUG]
-
-
-async def test_pushes_without_a_subscriber_are_ignored() -> None:
-    async with linked() as (_peer, client, wire):
-        await wire.push("woosh.New", {"a": 1})
-        await wire.push(POSE, {"mapId": "not even read"})
-        await eventually(lambda: client.stats.rx == 3)
-        await turns()
-        assert not client.stats.bad_frames
         assert client.stats.connects == 1
-
-
-async def test_an_error_without_a_request_is_logged_once(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    caplog.set_level(logging.DEBUG, "woosh_robot_agent.link")
-    async with linked() as (_peer, client, wire):
-        for _ in range(2):
-            await wire.raw('{"type":"error","ok":false,"msg":"odd"}')
-        await eventually(lambda: client.stats.rx == 3)
-        levels = [r.levelno for r in caplog.records if r.message == "the chassis reports: odd"]
-        assert levels == [logging.WARNING, logging.DEBUG]
+        assert levels("skipped a push") == [logging.WARNING, logging.DEBUG]
+        assert levels("the chassis reports: odd") == [logging.WARNING, logging.DEBUG]
 
 
 async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
@@ -228,7 +216,7 @@ async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
         client.subscribe(StatusCode, lambda message: codes.append(message.code))
         client.subscribe(PoseSpeed, lambda message: poses.append(message.map_id))
         for number in range(1, 501):
-            await wire.push("woosh.robot.count.StatusCode", {"code": str(number)})
+            await wire.push(CODE, {"code": str(number)})
             await wire.push(POSE, {"mapId": number})
         await eventually(lambda: len(codes) == 500 and poses and poses[-1] == 500)
         assert codes == list(range(1, 501))
@@ -251,7 +239,7 @@ async def test_a_slow_consumer_does_not_delay_answers() -> None:
 
         client.subscribe(StatusCode, slow)
         for number in range(40):
-            await wire.push("woosh.robot.count.StatusCode", {"code": str(number)})
+            await wire.push(CODE, {"code": str(number)})
         await eventually(lambda: seen)
         await answered(client.request(Speak()), wire)
         assert len(seen) < 40  # the answer came before all of them were delivered
@@ -261,16 +249,40 @@ async def test_a_flood_does_not_delay_answers_and_consumers() -> None:
     async with linked("tcp") as (_peer, client, wire):
         seen: list[Any] = []
         client.subscribe(StatusCode, seen.append)
-        one = delimited({"type": "woosh.robot.count.StatusCode", "body": b"\x08\x01"})
-        await wire.raw(one * 20_000)
+        one = delimited({"type": CODE, "body": b"\x08\x01"})
+        await wire.raw(one * 5_000)
         await eventually(lambda: seen)
-        assert client.stats.rx < 20_000
-        await eventually(lambda: client.stats.rx == 20_001)
-        await eventually(
-            lambda: (
-                len(seen) + client.stats.dropped_pushes["woosh.robot.count.StatusCode"] == 20_000
-            )
-        )
+        assert client.stats.rx < 5_000
+        await eventually(lambda: client.stats.rx == 5_001)
+        await eventually(lambda: len(seen) + client.stats.dropped_pushes[CODE] == 5_000)
+
+
+# Drops
+
+
+async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFixture) -> None:
+    async with linked("tcp", push_queue=2) as (_peer, client, wire):
+        seen: list[int] = []
+        client.subscribe(StatusCode, lambda message: seen.append(message.code))
+        await wire.raw(delimited({"type": CODE, "body": b"\x08\x01"}) * 1000)  # read together
+        await eventually(lambda: len(seen) + client.stats.dropped_pushes[CODE] == 1000)
+        await wire.push(CODE, b"\x08\x09")
+        await eventually(lambda: seen[-1:] == [9])
+        assert client.stats.dropped_pushes[CODE]
+    (logged,) = [each for each in caplog.records if CODE in each.getMessage()]
+    assert logged.levelno == logging.WARNING
+
+
+def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drops = DropLog(logging.getLogger("woosh_robot_agent.link"), quiet=3.0)
+    for now in (1.0, 3.0, 5.0, 9.0):
+        monkeypatch.setattr("time.monotonic", lambda now=now: now)
+        drops.warn("things", f"lost at {now}")
+    drops.warn("others", "others lost")
+    texts = [each.getMessage() for each in caplog.records]
+    assert texts == ["lost at 1.0", "lost at 9.0", "others lost"]
 
 
 # The queue

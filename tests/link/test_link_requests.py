@@ -75,9 +75,8 @@ async def test_sns_start_again_at_one_and_skip_those_in_use() -> None:
         await asyncio.wait([first, *others_])
 
 
-@pytest.mark.parametrize("kind", KINDS)
-async def test_answers_may_come_in_any_order(kind: str) -> None:
-    async with linked(kind) as (_peer, client, wire):
+async def test_answers_may_come_in_any_order() -> None:
+    async with linked() as (_peer, client, wire):
         tasks = [ask(client, Speak(text=str(i))) for i in range(5)]
         frames = [await wire.next() for _ in tasks]
         for i in (3, 0, 4, 2, 1):
@@ -85,24 +84,6 @@ async def test_answers_may_come_in_any_order(kind: str) -> None:
         assert [answer.msg for answer in await soon(asyncio.gather(*tasks))] == [
             f"answer {i}" for i in range(5)
         ]
-
-
-@pytest.mark.parametrize(
-    ("answer", "reason"),
-    [
-        ({"ok": False, "msg": "State not allow"}, "State not allow"),
-        ({"ok": False}, "refused without a reason"),
-        ({"msg": "Request succeed"}, ""),
-        ({"msg": "Request succeed", "type": "no.Type"}, "the answer cannot be read: "),
-    ],
-)
-async def test_a_refusal_and_an_unreadable_answer_have_a_reason(
-    answer: dict[str, Any], reason: str
-) -> None:
-    async with linked() as (_peer, client, wire):
-        got = await answered(client.request(Speak()), wire, **answer)
-        assert got.reason.startswith(reason)
-        assert bool(got.reason) == bool(reason)
 
 
 async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
@@ -128,34 +109,28 @@ async def test_late_duplicate_and_unknown_answers_are_counted_and_ignored(
         assert not client.stats.bad_frames
 
 
-async def test_an_answer_of_another_or_an_unknown_type_keeps_ok_and_msg() -> None:
+async def test_a_refusal_an_unknown_type_and_a_bare_frame_are_answers() -> None:
+    """They keep the chassis' own text."""
+    refused = {"ok": False, "msg": "未初始化"}
+    answers: tuple[tuple[dict[str, Any], Any, str], ...] = (
+        (refused, Speak(), "未初始化"),
+        ({**refused, "type": "error", "body": None}, None, "未初始化"),
+        ({"ok": False}, Speak(), "refused without a reason"),
+        ({"type": "woosh.robot.Battery", "body": {"power": 5}}, Battery(power=5), ""),
+        ({"type": "woosh.New", "msg": "m"}, None, "the answer cannot be read: "),
+    )
     async with linked() as (_peer, client, wire):
-        for type_name, body in (("woosh.robot.Battery", Battery(power=5)), ("woosh.New", None)):
-            answer = await answered(
-                client.request(Speak()), wire, {"power": 5}, type=type_name, msg="m"
-            )
-            assert (answer.ok, answer.msg, answer.body) == (True, "m", body)
-            assert bool(answer.defect) == (body is None)
-
-
-async def test_a_refusal_is_an_answer_with_the_chassis_own_text() -> None:
-    changes: tuple[dict[str, Any], ...] = ({"type": "error"}, {"type": "error", "body": None}, {})
-    async with linked() as (_peer, client, wire):
-        for change in changes:
-            answer = await answered(
-                client.request(Speak()), wire, ok=False, msg="未初始化", **change
-            )
-            assert (answer.ok, answer.msg) == (False, "未初始化")
-
-
-async def test_a_frame_with_nothing_but_its_sn_is_a_refusal() -> None:
-    async with linked() as (_peer, client, wire):
+        for changes, body, reason in answers:
+            got = await answered(client.request(Speak()), wire, **changes)
+            assert (got.ok, got.msg) == (changes.get("ok", True), changes.get("msg", ""))
+            assert got.body == body
+            assert got.reason.startswith(reason)
+            assert bool(got.reason) == bool(reason)
         task = ask(client, Speak())
-        sn = (await wire.next())["sn"]
-        await wire.raw(f'{{"sn":{sn}}}')
-        answer = await soon(task)
-        assert (answer.ok, answer.msg, answer.body) == (False, "", None)
-        assert answer.defect
+        await wire.raw(f'{{"sn":{(await wire.next())["sn"]}}}')
+        bare = await soon(task)
+        assert (bare.ok, bare.msg, bare.body) == (False, "", None)
+        assert bare.defect
 
 
 @pytest.mark.parametrize(("kind", "ok"), [("json", True), ("protobuf", False), ("tcp", True)])
@@ -171,18 +146,13 @@ async def test_an_unreadable_body_is_logged_and_counted(kind: str, ok: bool) -> 
 
 
 async def test_a_timeout_names_the_message_and_the_time() -> None:
-    async with linked() as (_peer, client, wire):
+    async with linked(request_timeout=0.04) as (_peer, client, _wire):
         with pytest.raises(RequestTimeoutError, match=r"woosh\.robot\.Speak within 0\.05 s"):
             await client.request(Speak(), timeout=0.05)
-        assert pending(client) == 0
-        assert client.stats.timeouts == {"woosh.robot.Speak": 1}
-        await wire.next("woosh.robot.Speak")
-
-
-async def test_the_configured_timeout_is_the_default() -> None:
-    async with Peer() as peer, peer.client(request_timeout=0.04) as client:
         with pytest.raises(RequestTimeoutError, match=r"0\.04 s"):
             await client.request(Speak())
+        assert pending(client) == 0
+        assert client.stats.timeouts == {"woosh.robot.Speak": 2}
 
 
 async def test_a_short_timeout_does_not_wait_for_a_long_one() -> None:
@@ -196,24 +166,19 @@ async def test_a_short_timeout_does_not_wait_for_a_long_one() -> None:
         assert (await soon(long)).ok
 
 
-async def test_cancellation_passes_through_and_leaves_nothing() -> None:
-    async with linked() as (_peer, client, wire):
-        task = ask(client, Speak())
-        frame = await wire.next()
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-        assert pending(client) == 0
-        await wire.answer(frame)
-        await eventually(lambda: client.stats.late_answers == 1)
-
-
-async def test_requests_over_the_limit_fail_at_once_and_are_not_sent() -> None:
+async def test_requests_over_the_limit_fail_at_once_are_counted_and_not_sent(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     async with linked(max_in_flight=2) as (_peer, client, wire):
         tasks = [ask(client, Speak()), ask(client, Speak())]
         frames = [await wire.next() for _ in tasks]
-        with pytest.raises(TooManyRequestsError, match=r"woosh\.robot\.Battery.*in flight"):
-            await client.request(Battery())
+        for _ in range(7):
+            with pytest.raises(TooManyRequestsError, match=r"woosh\.robot\.Battery.*in flight"):
+                await client.request(Battery())
+        assert client.stats.refused_requests == {"woosh.robot.Battery": 7}
+        (why,) = [each for each in caplog.records if "requests are in flight" in each.getMessage()]
+        assert why.levelno == logging.WARNING
+        assert "woosh.robot.Battery was not sent" in why.getMessage()
         for frame in frames:
             await wire.answer(frame)
         await soon(asyncio.gather(*tasks))
@@ -223,7 +188,7 @@ async def test_requests_over_the_limit_fail_at_once_and_are_not_sent() -> None:
         assert not [frame for frame in wire.seen if frame["type"] == "woosh.robot.Battery"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["json", "tcp"])
 async def test_a_lost_connection_fails_pending_requests_and_nothing_is_sent_again(
     kind: str,
 ) -> None:
@@ -348,3 +313,33 @@ async def test_the_round_trip_is_measured() -> None:
         assert client.stats.round_trip is not None
         assert 0 < client.stats.round_trip < 2
         assert (client.stats.connects, client.stats.rx, client.stats.tx) == (1, 1, 1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+async def test_frames_of_many_mib_go_both_ways(kind: str) -> None:
+    picture = "z" * (1024 * 1024)
+    async with linked(kind) as (_peer, client, wire):
+        task = ask(client, Speak(text=picture))
+        frame = await wire.next()
+        assert len(frame["body"]["text"] if kind == "json" else frame["body"]) >= len(picture)
+        await wire.answer(frame, frame["body"])
+        answer = await soon(task)
+        assert isinstance(answer.body, Speak)
+        assert answer.body.text == picture
+
+
+@pytest.mark.parametrize("kind", ["json", "tcp"])
+async def test_traffic_shows_what_arrives_and_what_waits(kind: str) -> None:
+    async with linked(kind) as (_peer, client, wire):
+        received, _ = client.traffic()
+        assert received > 0
+        text = "x" * 100_000
+        body = {"text": text} if kind == "json" else Speak(text=text).SerializeToString()
+        await answered(client.request(Speak()), wire, body)
+        assert len(text) < client.traffic()[0] - received < 2 * len(text)
+        big = ask(client, Speak(text="x" * 20_000_000))
+        await eventually(lambda: client.traffic()[1] > 1_000_000)
+        await wire.answer(await wire.next())
+        await soon(big)
+        assert client.traffic()[1] == 0
+    assert client.traffic() == (0, 0)

@@ -8,10 +8,8 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
-import pytest
-
-from tests.link.link_peer import TIMEOUT, Frame, Peer, Wire, soon
-from tests.motion.moving import MOVING, name_of
+from tests.link.link_peer import INFO, TIMEOUT, Frame, Peer, Wire, soon
+from tests.motion.moving import MOVING
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.motion import MotionGate, MotionTiming
 from woosh_robot_agent.motion.gate import cancel_orders
@@ -28,7 +26,8 @@ RUNNING = {"robotTaskId": "7", "state": "kExecuting"}
 
 BACKOFF = {"backoff_min": 0.05, "backoff_max": 0.05}
 
-every_moving_request = pytest.mark.parametrize("request_", MOVING, ids=name_of)
+Script = Callable[[Wire, Frame], Awaitable[bool]]
+"""What a chassis does with a frame; returns True if it has handled it."""
 
 
 def feedback(action: str, state: str) -> Frame:
@@ -38,10 +37,26 @@ def feedback(action: str, state: str) -> Frame:
 
 async def answer_all(wire: Wire, frame: Frame) -> bool:
     """Accept every request; a script for `Peer`."""
-    if frame["type"] != "woosh.robot.RobotInfo" and "sn" in frame:
+    if frame["type"] != INFO and "sn" in frame:
         await wire.answer(frame)
         return True
     return False
+
+
+def refusing(is_refused: Callable[[Frame], bool], msg: str = "Request failed") -> Script:
+    """Return a script that refuses some requests, and accepts all others."""
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if "sn" in frame and frame["type"] != INFO and is_refused(frame):
+            await wire.answer(frame, ok=False, msg=msg)
+            return True
+        return await answer_all(wire, frame)
+
+    return script
+
+
+def is_task_order(frame: Frame) -> bool:
+    return bool(frame["type"] == "woosh.robot.ActionOrder")
 
 
 async def answer_nothing(wire: Wire, frame: Frame) -> bool:
@@ -70,7 +85,7 @@ class Rig:
 
 @asynccontextmanager
 async def gated(
-    script: Callable[[Wire, Frame], Awaitable[bool]] = answer_all,
+    script: Script = answer_all,
     link: dict[str, Any] | None = None,
     goals: Callable[[], int] = lambda: 0,
     **timing: float,

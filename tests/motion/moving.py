@@ -45,9 +45,3 @@ MOVING: tuple[Message, ...] = (
     RepeatTask(),
     *_calls(),
 )
-
-
-def name_of(message: Any) -> str:
-    """Return a pytest id for a request."""
-    fields = ",".join(field.name for field, _ in message.ListFields())
-    return f"{message.DESCRIPTOR.name}-{fields}"

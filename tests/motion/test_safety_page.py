@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text()
 
 
+@cache
 def names_in(file: Path) -> set[str]:
     """Return the names of the tests in a file as in pytest's ids: `name` or `Class::name`."""
     found = set()

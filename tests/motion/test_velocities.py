@@ -12,19 +12,18 @@ import pytest
 
 from tests.link.link_peer import INFO, Frame, Wire, block, eventually, soon, turns
 from tests.motion.gate_checks import (
+    NEVER,
     TWIST,
     Rig,
     answer_all,
     answer_nothing,
-    every_moving_request,
     gated,
     ok,
     speeds,
     types,
 )
+from tests.motion.moving import MOVING
 from woosh_robot_agent.link import (
-    ConnectionLostError,
-    NotConnectedError,
     RequestTimeoutError,
     SupersededError,
 )
@@ -179,23 +178,6 @@ async def test_the_callers_timeout_applies_to_commands_which_hold_back_nothing_a
         assert (await soon(task)).ok
 
 
-async def test_after_a_lost_link_nothing_is_held_and_nothing_sent_again() -> None:
-    async with gated(answer_nothing, {"backoff_min": 0.2, "backoff_max": 0.2}) as rig:
-        first, _ = await stalled(rig)
-        held = rig.drive(2)
-        await turns()
-        rig.wire.abort()
-        with pytest.raises(ConnectionLostError):
-            await soon(first)
-        with pytest.raises(NotConnectedError):
-            await soon(held)
-        again = await rig.second_wire()
-        task = rig.drive(3)
-        await again.answer(await again.next(TWIST))
-        await soon(task)
-        assert speeds(again) == [3]
-
-
 # The age of a velocity
 
 
@@ -336,17 +318,20 @@ async def settled(rig: Rig, request_: Any) -> None:
         return
 
 
-@every_moving_request
-async def test_what_arrived_during_a_stall_moves_nothing(request_: Any) -> None:
+async def test_what_arrived_during_a_stall_moves_nothing() -> None:
     async with gated() as rig:
         await asyncio.sleep(0)
         hold_up()
-        for seconds in (0.2, 0.0):
-            with pytest.raises(SupersededError, match="stood still for"):
-                await soon(rig.gate.request(request_, sender=sent(seconds)))
+        usual, rig.gate.timing = rig.gate.timing, replace(rig.gate.timing, settle=NEVER)
+        for request in MOVING:
+            for seconds in (0.2, 0.0):
+                with pytest.raises(SupersededError, match="stood still for"):
+                    await soon(rig.gate.request(request, sender=sent(seconds)))
         assert types(rig.wire) == []
-        await ok(rig.gate.request(request_))  # of this process, e.g. of an order that goes on
-        await settled(rig, request_)
+        for request in MOVING:  # of this process, e.g. of an order that goes on
+            await ok(rig.gate.request(request))
+        rig.gate.timing = usual
+        await settled(rig, MOVING[0])
 
 
 async def test_a_stall_is_noticed_wherever_it_lies_between_two_heartbeats() -> None:

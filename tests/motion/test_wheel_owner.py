@@ -6,16 +6,16 @@ import asyncio
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Frame, Wire, eventually, soon
+from tests.link.link_peer import TIMEOUT, Frame, eventually, soon
 from tests.motion.gate_checks import (
     RUNNING,
     TWIST,
     Rig,
-    answer_all,
     answer_nothing,
     feedback,
     gated,
     ok,
+    refusing,
     speeds,
     types,
 )
@@ -167,66 +167,53 @@ async def test_a_velocity_that_is_sent_before_a_task_is_accepted_drives_unless_i
 
 
 async def test_a_zero_follows_a_velocity_though_a_task_was_refused() -> None:
-    async def refuse_tasks(wire: Wire, frame: Frame) -> bool:
-        if frame["type"] == "woosh.robot.ExecTask":
-            await wire.answer(frame, ok=False)
-            return True
-        return await answer_all(wire, frame)
-
-    async with gated(refuse_tasks) as rig:
+    async with gated(refusing(lambda frame: frame["type"] == "woosh.robot.ExecTask")) as rig:
         await ok(rig.drive(1))
         assert not (await rig.gate.request(EXEC_TASK)).ok
         await rig.gate.close(TIMEOUT)
         assert types(rig.wire) == [TWIST, "woosh.robot.ExecTask", TWIST]
 
 
-@pytest.mark.parametrize(
-    ("state", "action", "owner"),
-    [
-        ("kInit", "kStateUndefined", "task 7"),
-        ("kReady", "kStateUndefined", "task 7"),
-        ("kActionWait", "kRosExecuting", "task 7"),
-        ("kTaskWait", "kRosExecuting", "task 7"),
-        ("kPaused", "kRosWarning", "task 7"),  # an obstacle
-        ("kPaused", "kTraffiCtrl", "task 7"),
-        ("kPaused", "kSuspend", ""),
-        ("kPaused", "kRosCancel", ""),
-        ("kPaused", "kStateUndefined", ""),
-        ("kCompleted", "kRosSuccess", ""),
-        ("kStateUndefined", "kStateUndefined", ""),
-    ],
-)
-async def test_a_task_owns_the_wheels_while_it_may_drive_on_by_itself(
-    state: str, action: str, owner: str
-) -> None:
-    this = {"robotTaskId": "7", "state": state, "action": {"type": "kNav", "state": action}}
+async def test_a_task_owns_the_wheels_while_it_may_drive_on_by_itself() -> None:
+    owners = {
+        ("kInit", "kStateUndefined"): "task 7",
+        ("kReady", "kStateUndefined"): "task 7",
+        ("kActionWait", "kRosExecuting"): "task 7",
+        ("kTaskWait", "kRosExecuting"): "task 7",
+        ("kPaused", "kRosWarning"): "task 7",  # an obstacle
+        ("kPaused", "kTraffiCtrl"): "task 7",
+        ("kPaused", "kSuspend"): "",
+        ("kPaused", "kRosCancel"): "",
+        ("kPaused", "kStateUndefined"): "",
+        ("kCompleted", "kRosSuccess"): "",
+        ("kStateUndefined", "kStateUndefined"): "",
+    }
     async with gated() as rig:
-        await owned(rig, body={"robotTaskId": "6", "state": "kExecuting"})
-        await rig.wire.push(TASK_PROC, this)
-        await eventually(lambda: rig.gate.owner == owner)
+        for (state, action), owner in owners.items():
+            await rig.wire.push(TASK_PROC, {"robotTaskId": "6", "state": "kExecuting"})
+            await eventually(lambda: rig.gate.owner == "task 6")
+            nav = {"type": "kNav", "state": action}
+            await rig.wire.push(TASK_PROC, {"robotTaskId": "7", "state": state, "action": nav})
+            await eventually(lambda owner=owner: rig.gate.owner == owner)  # type: ignore[misc]
 
 
-@pytest.mark.parametrize(
-    ("state", "owner"),
-    [
-        ("kRosErrMsg", "MoveBase"),  # e.g. an obstacle
-        ("kRosPauseFailed", "MoveBase"),
-        ("kRosPause", ""),
-        ("kRosFailure", ""),
-    ],
-)
-async def test_an_action_owns_the_wheels_while_it_may_drive_on_by_itself(
-    state: str, owner: str
-) -> None:
+async def test_an_action_owns_the_wheels_while_it_may_drive_on_by_itself() -> None:
+    owners = {
+        "kRosErrMsg": "MoveBase",  # e.g. an obstacle
+        "kRosPauseFailed": "MoveBase",
+        "kRosPause": "",
+        "kRosFailure": "",
+    }
     async with gated() as rig:
-        await owned(rig, FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
-        await rig.wire.push(FEEDBACKS, feedback("MoveBase", state))
-        await ok(rig.gate.request(Speak()))  # answered after the push
-        assert rig.gate.owner == owner
-        for late in ("kRosFailure", state):  # what it reports after its end does not begin it
-            await rig.wire.push(FEEDBACKS, feedback("MoveBase", late))
-        await ok(rig.gate.request(Speak()))
-        assert rig.gate.owner == ""
+        for state, owner in owners.items():
+            await owned(rig, FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+            await rig.wire.push(FEEDBACKS, feedback("MoveBase", state))
+            await ok(rig.gate.request(Speak()))  # answered after the push
+            assert rig.gate.owner == owner
+            for late in ("kRosFailure", state):  # what it reports after its end does not begin it
+                await rig.wire.push(FEEDBACKS, feedback("MoveBase", late))
+            await ok(rig.gate.request(Speak()))
+            assert rig.gate.owner == ""
 
 
 async def test_a_task_that_goes_on_after_an_obstacle_takes_no_velocity_over() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 from woosh_robot_agent.link import Body
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.frames import Envelope, FrameError
-from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotInfo, RobotState, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import Battery, TaskProc
 from woosh_robot_agent.robot.last_known import LastKnown
 
 INFO = "woosh.robot.RobotInfo"
@@ -69,15 +69,6 @@ def test_a_bad_body_is_reported_once_and_changes_nothing():
     for _ in range(3):
         assert said.known.get(BATTERY) == Battery(power=49)
     assert [error.kind for error in said.bad] == ["body"]
-
-
-def test_messages_are_remembered_too():
-    said = Pushed()
-    info = RobotInfo(robot_id=7)
-    said.known.remember(info)
-    said.known.remember(RobotState(state=2))
-    assert (said.info.robot_id, said.info.state) == (7, 2)
-    assert info.state == 0  # the caller's message is not modified
 
 
 def test_only_the_last_unread_value_of_each_type_is_kept():

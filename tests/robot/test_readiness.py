@@ -143,14 +143,6 @@ def test_the_chassis_refuses_a_task_while_it_is_judged_to_do_so():
     assert dispatch(chassis, other).ok
 
 
-@pytest.mark.parametrize("state", [task.kCompleted, task.kFailed, task.kCanceled])
-def test_a_robot_accepts_a_task_after_the_end_of_the_last_one(state: task.State) -> None:
-    info = ready()
-    info.task_proc.MergeFrom(running(7, state))
-    assert all_objections(info) == []
-    assert accepts_task(info) is True
-
-
 def test_what_a_robot_does_is_told_beside_other_reasons():
     info = ready()
     info.device_state.MergeFrom(DeviceState(hardware=DeviceState.kEmgBtn))

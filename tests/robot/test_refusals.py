@@ -26,7 +26,6 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util.action_pb2 import kPause
 from woosh_robot_agent.robot.readiness import (
-    DEPLOYMENT,
     EMERGENCY_STOP,
     MAINTENANCE,
     MANUAL,
@@ -115,13 +114,6 @@ async def test_the_status_code_after_the_answer_gives_the_reason(
     assert reason.endswith(f"status code {number}: {meaning}")
 
 
-async def test_the_meaning_stands_beside_a_text_in_another_language():
-    rig = RefusingRig(READY, (), (code(NOT_AUTOMATIC, msg="非自动模式"),), patient=True)
-    assert await reason_of(rig, ExecTask(task_id=1)) == (
-        f"status code {NOT_AUTOMATIC}: 非自动模式 (action refused: not in automatic mode)"
-    )
-
-
 async def test_an_earlier_an_unrelated_and_a_late_status_code_give_no_reason():
     unrelated = (UNRELATED, NO_SPEED_CONTROL, NOT_NAVIGATING, STEP_OCCUPIED)
     rig = RefusingRig(READY, (code(NOT_AUTOMATIC),), tuple(map(code, unrelated)))
@@ -149,28 +141,18 @@ async def test_the_reason_is_also_known_to_those_who_ask_after_the_status_code()
             {**READY, "mode": {"ctrl": 2, "work": 2}},
             f"{MANUAL.reason}, {BY_KEY}",
         ),
-        (STEP, {**READY, "mode": {"ctrl": 1, "work": 1}}, DEPLOYMENT.reason),
         (ExecTask(task_id=1), {**READY, "state": 1}, NOT_INITIALISED.reason),
         (Twist(linear=0.1), {**READY, "deviceState": {"hardware": 1024}}, EMERGENCY_STOP.reason),
         (ExecTask(task_id=1), NAVIGATING, "the robot is executing task 17"),
         (Twist(linear=0.1), {**READY, "state": 4}, "the robot is executing a task"),
         (Twist(linear=0.1), {**READY, "mode": {"ctrl": 2, "work": 2}}, ""),
         (ChangeNavMode(), READY, NO_TASK.reason),
-        (ActionOrder(order=kPause), READY, NO_TASK.reason),
         (ActionOrder(order=kPause), NAVIGATING, ""),
         (InitRobot(), {**READY, "mode": {"ctrl": 3, "work": 2}}, MAINTENANCE.reason),
-        (ExecTask(task_id=1), READY, ""),
         (RepeatTask(order=RepeatTask.kExec), NAVIGATING, "the robot is executing task 17"),
         (RepeatTask(order=RepeatTask.kPut), NAVIGATING, ""),
         (BuildMap(), READY, NOT_DEPLOYMENT.reason),
         (BuildMap(), {**READY, "mode": {"ctrl": 1, "work": 1}}, ""),
-        (
-            BuildMap(),
-            {**READY, "mode": {"ctrl": 2, "work": 1}},
-            f"{MANUAL.reason}, {BY_KEY}",
-        ),
-        (BuildMap(), {**READY, "mode": {"ctrl": 1, "work": 1}, "state": 9}, ""),
-        (Deployment(), READY, NOT_DEPLOYMENT.reason),
         (
             Deployment(),
             NAVIGATING,

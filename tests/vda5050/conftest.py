@@ -23,7 +23,7 @@ from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
-from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import V2_1
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
@@ -157,6 +157,14 @@ class Site:
         config = LinkConfig(ip="127.0.0.1", port=self.chassis.port)
         async with ChassisClient(config=config) as client:
             yield MotionGate(client)
+
+
+@pytest.fixture
+def lifelike(broker: Mosquitto, recorder: Recorder) -> Iterator[Site]:
+    """A site whose robot reports and obeys as late as a real one, and charges on after a task."""
+    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200", speed=20)
+    with SimulatorThread(config) as chassis:
+        yield Site(chassis, broker, recorder)
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 import time
 import uuid
 from collections.abc import Callable, Sequence
@@ -94,14 +93,6 @@ class Master:
     async def reached(self, node_id: str) -> Message:
         """Wait until the last node is this one."""
         return await self.wait_state(lambda state: state["lastNodeId"] == node_id, node_id)
-
-    async def placed_at(self, x: float) -> None:
-        """Wait until the vehicle has reported this position."""
-        await eventually(
-            lambda: (
-                abs(self.last("visualization").get("agvPosition", {"x": math.inf})["x"] - x) < 1e-3
-            )
-        )
 
     async def accepted(self, order_id: str = "order") -> Message:
         """Wait until the vehicle has an order."""

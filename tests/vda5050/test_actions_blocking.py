@@ -58,24 +58,6 @@ async def test_soft_actions_for_which_the_robot_has_one_action_follow_each_other
     assert commands(site.chassis) == ["step_control execute"] * 2
 
 
-async def test_soft_actions_run_together_and_hard_ones_alone(site: Site) -> None:
-    soft = [lift("s1", "SOFT"), pick("s2", "SOFT")]
-    hard = [lift("h1", "HARD", 0.0), action("drop", "h2", blocking="HARD")]
-    async with site.online(limits=AT_ONCE) as master:
-        master.order([node("a", 0, *START, actions=[*soft, *hard]), node("b", 2, 7.0, -7.0)])
-        await master.reached("b")
-    assert commands(site.chassis) == [
-        "lift_control3 execute",
-        "lift_control execute",
-        "lift_control3 execute",
-        "lift_control execute",
-        "drive",
-    ]
-    assert together(site.recorder, ["s1", "s2"])
-    for alone in (["h1", "h2"], ["s1", "h1"], ["s2", "h1"]):
-        assert not together(site.recorder, alone)
-
-
 async def test_an_instant_action_stops_a_drive_only_if_it_blocks(site: Site) -> None:
     async with site.online(limits=AT_ONCE) as master:
         master.order([node("a", 0, *START), node("b", 2, -9.0, -2.0), node("c", 4, 9.0, 7.0)])
@@ -106,19 +88,6 @@ async def test_a_hard_instant_action_and_those_of_the_order_wait_for_each_other(
     assert not together(site.recorder, ["step", "last"])
 
 
-async def test_control_actions_wait_for_nothing(site: Site) -> None:
-    async with site.online() as master:
-        slow = action("step", "step", blocking="HARD", distance=1.0, speed=0.02)
-        master.order([node("a", 0, *START, actions=[slow])])
-        await master.status("step", "RUNNING")
-        master.instant(action("stateRequest", "s", blocking="HARD"))
-        state = await master.status("s", "FINISHED")
-        assert status_of(state, "step") == "RUNNING"
-        master.instant(action("cancelOrder", "c", blocking="HARD"))
-        ended = await master.status("c", "FINISHED")
-        assert status_of(ended, "step") == "FAILED"
-
-
 async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
     async with site.online() as master:
         a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)
@@ -137,20 +106,6 @@ async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
         await master.reached("c")
     assert commands(site.chassis).count("lift_control3 cancel") == 1
     assert site.chassis.state.column < 0.2
-
-
-async def test_an_action_of_an_edge_waits_for_the_end_of_that_of_the_edge_before(
-    site: Site,
-) -> None:
-    async with site.online() as master:
-        a, b, c = node("a", 0, *START), node("b", 2, 7.0, -4.0), node("c", 4, 9.0, 7.0)
-        endless = action("liftTo", "endless", blocking="NONE", height=0.2, speed=0.001)
-        short = action("liftTo", "short", blocking="NONE", height=0.02)
-        master.order([a, b, c], [edge(a, b, actions=[endless]), edge(b, c, actions=[short])])
-        ended = await master.reached("c")
-        assert status_of(ended, "endless") == "FAILED"
-        assert status_of(ended, "short") == "FINISHED"
-        assert site.chassis.state.column == pytest.approx(0.02)
 
 
 async def test_a_cancelled_order_ends_when_the_action_of_an_edge_has_ended(site: Site) -> None:

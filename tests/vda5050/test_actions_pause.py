@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from tests.asynchronous import eventually
 from tests.quick_chassis import set_speed
-from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, statuses
 from tests.vda5050.conftest import AT_ONCE, ORDER, Site, left_by_a_kill
 from tests.vda5050.master import (
@@ -29,7 +29,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050.robot.link import Timing
 
@@ -58,21 +58,26 @@ async def test_a_drive_is_paused_and_resumed(site: Site) -> None:
         assert statuses(site.recorder, name)[-2:] == ["RUNNING", "FINISHED"]
 
 
-async def test_a_pause_before_an_order_holds_it_back(site: Site) -> None:
-    async with site.online() as master:
-        master.instant(action("startPause", "p"))
-        await master.wait_state(lambda state: state["paused"])
+async def test_a_pause_holds_back_what_comes_with_it_and_after_it(site: Site) -> None:
+    async with site.online(limits=AT_ONCE) as master:
+        lift = action("liftTo", "lift", blocking="NONE", height=0.1)
+        master.instant(action("startPause", "p"), lift)
+        paused = await master.status("p", "FINISHED")
+        assert paused["paused"]
         step = action("step", "step", distance=0.2)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 7.0, -7.0)])
-        held = await master.accepted("order")
+        await master.accepted("order")
         master.instant(action("stateRequest", "s"))
         held = await master.status("s", "FINISHED")
         assert held["paused"]
         assert status_of(held, "step") == "WAITING"
         assert commands(site.chassis) == []
         master.instant(action("stopPause", "r"))
+        await master.status("lift", "FINISHED")
         await master.reached("b")
-    assert commands(site.chassis) == ["step_control execute", "drive"]
+    sent = commands(site.chassis)
+    assert sorted(sent[:2]) == ["lift_control3 execute", "step_control execute"]
+    assert sent[2:] == ["drive"]
 
 
 async def test_a_pause_also_pauses_what_the_robot_moves(site: Site) -> None:
@@ -94,18 +99,6 @@ async def test_a_pause_also_pauses_what_the_robot_moves(site: Site) -> None:
     assert statuses(site.recorder, "step")[-2:] == ["RUNNING", "FINISHED"]
 
 
-async def test_an_action_that_comes_together_with_a_pause_waits_for_its_end(site: Site) -> None:
-    async with site.online(limits=AT_ONCE) as master:
-        lift = action("liftTo", "lift", blocking="NONE", height=0.1)
-        master.instant(action("startPause", "p"), lift)
-        paused = await master.status("p", "FINISHED")
-        assert paused["paused"]
-        assert commands(site.chassis) == []
-        master.instant(action("stopPause", "s"))
-        await master.status("lift", "FINISHED")
-    assert commands(site.chassis) == ["lift_control3 execute"]
-
-
 async def test_stop_pause_also_ends_a_pause_from_elsewhere(site: Site) -> None:
     async with site.online() as master:
         master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
@@ -118,44 +111,21 @@ async def test_stop_pause_also_ends_a_pause_from_elsewhere(site: Site) -> None:
     assert commands(site.chassis) == ["drive", "continue"]
 
 
-async def test_cancel_order_stops_the_drive_and_ends_the_actions(site: Site) -> None:
-    async with site.online(limits=AT_ONCE) as master:
-        lift = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
-        later = action("pick", "pick", stationType="floor", loadType="EPAL")
-        master.order(
-            [node("a", 0, *START, actions=[lift]), node("b", 2, 9.0, 7.0, actions=[later])]
-        )
-        await master.wait_state(
-            lambda state: state["driving"] and status_of(state, "lift") == "RUNNING"
-        )
-        master.instant(action("cancelOrder", "wrong", orderId="another"))
-        refused = await master.status("wrong", "FAILED")
-        assert "another" in result_of(refused, "wrong")
-
-        master.instant(action("cancelOrder", "c", orderId="order"))
-        ended = await master.status("c", "FINISHED")
-        assert ended["nodeStates"] == ended["edgeStates"] == []
-        assert status_of(ended, "lift") == status_of(ended, "pick") == "FAILED"
-        assert not (await master.wait_state(lambda state: not state["driving"]))["paused"]
-        assert site.chassis.state.column < 0.2
-
-        master.instant(action("cancelOrder", "again"))
-        refused = await master.status("again", "FAILED")
-        errors = [each for each in refused["errors"] if each["errorType"] == "noOrderToCancel"]
-        assert references(errors[-1])["actionId"] == "again"
-    sent = commands(site.chassis)
-    assert sent[:2] == ["lift_control3 execute", "drive"]
-    assert sorted(sent[2:]) == ["cancel", "lift_control3 cancel"]
-    assert statuses(site.recorder, "c") == ["RUNNING", "FINISHED"]
-
-
-async def at_full_speed(master: Master, chassis: SimulatorThread, *, by_step: bool = False) -> None:
-    """Let the robot drive in real time, so that it brakes for a fifth of a second."""
+async def at_full_speed(
+    master: Master,
+    chassis: SimulatorThread,
+    *,
+    at_start: Sequence[Message] = (),
+    at_end: Sequence[Message] = (),
+) -> None:
+    """Let the robot drive an order in real time, so that it brakes for a fifth of a second."""
     set_speed(chassis, 1.0)
-    if by_step:
-        master.instant(action("step", "step", distance=2.0, speed=0.5))
-    else:
-        master.order([node("a", 0, *START), node("b", 2, 9.0, -8.0)])
+    master.order([node("a", 0, *START, actions=at_start), node("b", 2, 9.0, -8.0, actions=at_end)])
+    await drives(master, chassis)
+
+
+async def drives(master: Master, chassis: SimulatorThread) -> None:
+    """Wait until the robot is quick, and has reported that it drives."""
     await eventually(lambda: chassis.state.velocity.speed > 0.3)
     await master.wait_state(lambda state: state["driving"])
 
@@ -169,7 +139,12 @@ def at_the_end(master: Master, action_id: str) -> Message:
 @pytest.mark.parametrize("by_step", [False, True], ids=["of an order", "of a step"])
 async def test_a_pause_is_finished_when_the_robot_stands(site: Site, by_step: bool) -> None:
     async with site.online(limits=AT_ONCE) as master:
-        await at_full_speed(master, site.chassis, by_step=by_step)
+        if by_step:
+            set_speed(site.chassis, 1.0)
+            master.instant(action("step", "step", distance=2.0, speed=0.5))
+            await drives(master, site.chassis)
+        else:
+            await at_full_speed(master, site.chassis)
         master.instant(action("startPause", "p"))
         await master.status("p", "FINISHED")
         assert site.chassis.state.velocity.speed == 0.0
@@ -180,19 +155,35 @@ async def test_a_pause_is_finished_when_the_robot_stands(site: Site, by_step: bo
 async def test_an_order_is_cancelled_when_the_robot_stands_and_emptied_in_the_same_state(
     site: Site,
 ) -> None:
+    lift = action("liftTo", "lift", blocking="NONE", height=0.2, speed=0.001)
+    pick = action("pick", "pick", stationType="floor", loadType="EPAL")
     async with site.online(limits=AT_ONCE) as master:
-        await at_full_speed(master, site.chassis)
-        master.instant(action("cancelOrder", "c"), action("cancelOrder", "too"))
+        await at_full_speed(master, site.chassis, at_start=[lift], at_end=[pick])
+        await master.status("lift", "RUNNING")
+        master.instant(action("cancelOrder", "wrong", orderId="another"))
+        refused = await master.status("wrong", "FAILED")
+        assert "another" in result_of(refused, "wrong")
+
+        master.instant(action("cancelOrder", "c", orderId="order"), action("cancelOrder", "too"))
         await master.status("c", "FINISHED")
         assert site.chassis.state.velocity.speed == 0.0
-    state = at_the_end(master, "c")
-    assert state["nodeStates"] == state["edgeStates"] == []
-    assert not state["driving"]
-    assert status_of(state, "too") == "FINISHED"
-    states = master.received["state"]
-    before = [each for each in states[: states.index(state)] if each["orderId"]]
-    assert status_of(before[-1], "c") == "RUNNING"
-    assert {nodes_left(each) for each in before} == {"b"}
+        state = at_the_end(master, "c")
+        assert state["nodeStates"] == state["edgeStates"] == []
+        assert not state["driving"]
+        assert status_of(state, "too") == "FINISHED"
+        assert status_of(state, "lift") == status_of(state, "pick") == "FAILED"
+        states = master.received["state"]
+        before = [each for each in states[: states.index(state)] if each["orderId"]]
+        assert status_of(before[-1], "c") == "RUNNING"
+        assert {nodes_left(each) for each in before} == {"b"}
+
+        master.instant(action("cancelOrder", "again"))
+        refused = await master.status("again", "FAILED")
+        errors = [each for each in refused["errors"] if each["errorType"] == "noOrderToCancel"]
+        assert references(errors[-1])["actionId"] == "again"
+    sent = commands(site.chassis)
+    assert sent[:2] == ["lift_control3 execute", "drive"]
+    assert sorted(sent[2:]) == ["cancel", "lift_control3 cancel"]
 
 
 async def test_a_robot_that_does_not_report_its_standstill_is_asked(site: Site) -> None:
@@ -226,32 +217,6 @@ async def test_a_blocking_instant_action_begins_when_the_robot_stands(site: Site
         master.instant(action("liftTo", "lift", blocking="HARD", height=0.1))
         await master.status("lift", "FINISHED")
     assert speeds == [0.0]
-
-
-async def killed_while_refused(site: Site, master: Master, folder: Path, kind: str) -> Path:
-    """Kill a vehicle whose robot refuses to stop for an instant action; return its state folder."""
-    async with site.vehicle(state_folder=folder):
-        await site.drive(master)
-        site.chassis.refuse(ORDER, "not now")
-        master.instant(action(kind, "id"))
-        await eventually(lambda: site.chassis.counts[ORDER])
-        left = left_by_a_kill(folder)
-    site.chassis.clear_faults()
-    master.received.clear()
-    return left
-
-
-async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_restart(
-    site: Site, tmp_path: Path
-) -> None:
-    async with Master(site.broker.port) as master, site.other_client() as gate:
-        left = await killed_while_refused(site, master, tmp_path / "state", "cancelOrder")
-        set_speed(site.chassis, 20.0)
-        assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
-        await site.idle()
-        async with site.vehicle(state_folder=left):
-            ended = await master.status("id", "FINISHED")
-            assert (ended["nodeStates"], ended["errors"]) == ([], [])
 
 
 async def test_a_pause_that_the_robot_refuses_fails_and_is_sent_until_the_robot_obeys(
@@ -296,22 +261,21 @@ async def test_a_pause_of_a_step_that_the_robot_refuses_is_sent_until_the_robot_
 
 
 async def test_a_pause_that_the_robot_refuses_before_it_drives_is_sent_when_it_drives(
-    broker: Mosquitto, recorder: Recorder
+    lifelike: Site,
 ) -> None:
-    # this profile reports a task up to a second after its start, like a real robot
-    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200")
-    with SimulatorThread(config) as chassis:
-        async with Site(chassis, broker, recorder).online(timing=Timing(repeat_after=60)) as master:
-            chassis.refuse(ORDER, "Request failed")
-            set_speed(chassis, 0.1)
-            master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
-            await eventually(lambda: commands(chassis) == ["drive"])
-            master.instant(action("startPause", "p"))
-            await eventually(lambda: chassis.counts[ORDER])
-            chassis.clear_faults()
-            set_speed(chassis, 5.0)
-            await master.status("p", "FINISHED")
-        assert commands(chassis)[-2:] == ["pause", "pause"]
+    """The robot reports a task up to a second after its start."""
+    chassis = lifelike.chassis
+    async with lifelike.online(timing=Timing(repeat_after=60)) as master:
+        chassis.refuse(ORDER, "Request failed")
+        set_speed(chassis, 0.1)
+        master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+        await eventually(lambda: commands(chassis) == ["drive"])
+        master.instant(action("startPause", "p"))
+        await eventually(lambda: chassis.counts[ORDER])
+        chassis.clear_faults()
+        set_speed(chassis, 5.0)
+        await master.status("p", "FINISHED")
+    assert commands(chassis)[-2:] == ["pause", "pause"]
 
 
 async def test_an_action_that_the_robot_does_not_resume_stays_paused_until_it_does(
@@ -369,27 +333,25 @@ async def test_a_stop_pause_without_a_link_does_not_fail_before_it_is_carried_ou
     assert statuses(site.recorder, "s")[-1] == "FINISHED"
 
 
-async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(
-    broker: Mosquitto, recorder: Recorder
-) -> None:
-    # this profile obeys half a second later, like a real robot
-    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200")
-    with SimulatorThread(config) as chassis:
-        async with Site(chassis, broker, recorder).online() as master:
-            master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
-            await master.wait_state(lambda state: state["driving"])
-            master.instant(action("startPause", "p1"))
-            await master.status("p1", "FINISHED")
-            master.instant(action("stopPause", "s1"))
-            await eventually(lambda: commands(chassis) == ["drive", "pause", "continue"])
-            master.instant(action("startPause", "p2"))
-            await master.status("p2", "FINISHED")
-            assert commands(chassis)[3:4] == ["pause"]
-            await eventually(lambda: chassis.state.velocity.speed == 0.0)
-            master.instant(action("stopPause", "s2"))
-            resumed = await master.status("s2", "FINISHED")
-            assert not resumed["paused"]
-        assert commands(chassis)[-1] == "continue"
+async def test_the_last_of_a_stop_pause_and_a_start_pause_counts(lifelike: Site) -> None:
+    """The robot obeys half a second later."""
+    chassis = lifelike.chassis
+    set_speed(chassis, 1.0)
+    async with lifelike.online() as master:
+        master.order([node("a", 0, *START), node("b", 2, 9.0, 7.0)])
+        await master.wait_state(lambda state: state["driving"])
+        master.instant(action("startPause", "p1"))
+        await master.status("p1", "FINISHED")
+        master.instant(action("stopPause", "s1"))
+        await eventually(lambda: commands(chassis) == ["drive", "pause", "continue"])
+        master.instant(action("startPause", "p2"))
+        await master.status("p2", "FINISHED")
+        assert commands(chassis)[3:4] == ["pause"]
+        await eventually(lambda: chassis.state.velocity.speed == 0.0)
+        master.instant(action("stopPause", "s2"))
+        resumed = await master.status("s2", "FINISHED")
+        assert not resumed["paused"]
+    assert commands(chassis)[-1] == "continue"
 
 
 async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(site: Site) -> None:
@@ -404,12 +366,39 @@ async def test_a_robot_that_drives_on_in_a_pause_is_paused_again(site: Site) -> 
 
 async def test_a_pause_that_was_not_obeyed_yet_survives_a_kill(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
-        left = await killed_while_refused(site, master, tmp_path / "state", "startPause")
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await site.drive(master)
+            site.chassis.refuse(ORDER, "not now")
+            master.instant(action("startPause", "p"))
+            await eventually(lambda: site.chassis.counts[ORDER])
+            left = left_by_a_kill(tmp_path / "state")
+        site.chassis.clear_faults()
+        master.received.clear()
         sent = len(commands(site.chassis))
         async with site.vehicle(state_folder=left):
             await eventually(lambda: commands(site.chassis)[sent:] == ["pause"])
             paused = await master.wait_state(lambda state: state["paused"])
             assert nodes_left(paused) == "b"
+
+
+async def test_a_cancellation_that_a_kill_interrupts_is_finished_after_the_restart(
+    site: Site, tmp_path: Path
+) -> None:
+    async with Master(site.broker.port) as master, site.other_client() as gate:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await site.drive(master)
+            site.chassis.refuse(ORDER, "not now")
+            master.instant(action("cancelOrder", "c"))
+            await eventually(lambda: site.chassis.counts[ORDER])
+            left = left_by_a_kill(tmp_path / "state")
+        site.chassis.clear_faults()
+        master.received.clear()
+        set_speed(site.chassis, 20.0)
+        assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
+        await site.idle()
+        async with site.vehicle(state_folder=left):
+            ended = await master.status("c", "FINISHED")
+            assert (ended["nodeStates"], ended["errors"]) == ([], [])
 
 
 async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action_runs(
@@ -434,33 +423,3 @@ async def test_an_order_is_interrupted_by_a_kill_while_a_blocking_instant_action
     sent = commands(site.chassis)
     assert sent[:3] == ["drive", "pause", "lift_control3 execute"]
     assert sorted(sent[3:]) == ["cancel", "lift_control3 cancel"]
-
-
-async def test_a_pause_of_an_action_without_a_link_is_carried_out_later(site: Site) -> None:
-    async with site.online() as master:
-        set_speed(site.chassis, 1.0)
-        master.instant(action("step", "step", distance=1.0, speed=0.02))
-        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
-        async with site.without_link(master):
-            master.instant(action("startPause", "p"))
-            state = await master.status("p", "RUNNING")
-            assert not state["paused"]
-        await master.wait_state(lambda state: state["paused"])
-    assert commands(site.chassis) == ["step_control execute", "step_control pause"]
-
-
-async def test_a_cancel_of_an_action_is_repeated_until_the_robot_obeys(site: Site) -> None:
-    async with site.online(timing=Timing(repeat_after=0.5)) as master:
-        set_speed(site.chassis, 1.0)
-        step = action("step", "step", distance=1.0, speed=0.02)
-        master.order([node("a", 0, *START, actions=[step])])
-        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
-        site.chassis.refuse(full_name(CallAction), "not now")
-        master.instant(action("cancelOrder", "c"))
-        await eventually(lambda: commands(site.chassis).count("step_control cancel") >= 2)
-        assert status_of(master.state, "c") == "RUNNING"
-        site.chassis.clear_faults()
-        ended = await master.status("c", "FINISHED")
-        assert status_of(ended, "step") == "FAILED"
-        assert site.chassis.state.velocity.speed == 0.0
-    assert site.chassis.state.pose.x < START[0] + 0.5

@@ -11,7 +11,6 @@ import pytest
 
 from tests.asynchronous import eventually
 from tests.quick_chassis import edit_bodies, set_speed
-from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import commands, received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site, task_to
 from tests.vda5050.master import START, action, error_types, node, references, result_of, status_of
@@ -23,7 +22,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
-from woosh_robot_agent.simulator import SimulatedChassis, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
 from woosh_robot_agent.simulator.world.geometry import Pose
 
@@ -50,10 +49,10 @@ async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> N
     assert statuses(site.recorder, "charge")[-2:] == ["RUNNING", "FINISHED"]
 
 
-async def test_charging_ends_although_the_robot_has_just_confirmed_it(
-    broker: Mosquitto, recorder: Recorder
-) -> None:
+async def test_charging_ends_although_the_robot_has_just_confirmed_it(lifelike: Site) -> None:
     confirmed: list[bool] = []
+    chassis = lifelike.chassis
+    simulator = chassis.call(lambda simulator: simulator)
 
     def wait_after_confirmation(out: Outgoing) -> list[Outgoing]:
         job = out.body.action if isinstance(out.body, TaskProc) else TaskProc.Action()
@@ -63,58 +62,51 @@ async def test_charging_ends_although_the_robot_has_just_confirmed_it(
             simulator.speed = 0.05  # the task ends after 20 s
         return [out]
 
-    # a robot of this profile charges on after its task
-    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200", speed=20)
-    with SimulatorThread(config) as chassis:
-        simulator = chassis.call(lambda simulator: simulator)
-        chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-        chassis.intercept(wait_after_confirmation)
-        async with Site(chassis, broker, recorder).online() as master:
-            charge = action("startCharging", "charge")
-            master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
-            await eventually(lambda: confirmed)
-            await master.status("charge", "FINISHED")
-            master.instant(action("stopCharging", "stop"))
-            await eventually(lambda: "cancel" in commands(chassis))
-            set_speed(chassis, 20.0)
-            stopped = await master.status("stop", "FINISHED")
-            assert not stopped["batteryState"]["charging"]
-            assert commands(chassis)[2:] == ["cancel", "charge_control execute"]
+    chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    chassis.intercept(wait_after_confirmation)
+    async with lifelike.online() as master:
+        charge = action("startCharging", "charge")
+        master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
+        await eventually(lambda: confirmed)
+        await master.status("charge", "FINISHED")
+        master.instant(action("stopCharging", "stop"))
+        await eventually(lambda: "cancel" in commands(chassis))
+        set_speed(chassis, 20.0)
+        stopped = await master.status("stop", "FINISHED")
+        assert not stopped["batteryState"]["charging"]
+        assert commands(chassis)[2:] == ["cancel", "charge_control execute"]
 
 
 @pytest.mark.parametrize("is_foreign", [False, True])
 async def test_the_next_drive_begins_when_the_robot_has_left_its_task(
-    broker: Mosquitto, recorder: Recorder, is_foreign: bool
+    lifelike: Site, is_foreign: bool
 ) -> None:
     states: list[int] = []
+    chassis, (x, y) = lifelike.chassis, START
+    simulator = chassis.call(lambda simulator: simulator)
 
     def record(out: Outgoing) -> list[Outgoing]:
         if isinstance(out.body, RobotState):
-            states.append(out.body.state)
+            if states[-1:] != [out.body.state]:  # each client gets it
+                states.append(out.body.state)
         elif isinstance(out.body, TaskProc) and out.body.action.state == action_pb2.kRosSuccess:
             simulator.speed = 0.2  # the robot leaves its task 25 to 100 ms after its end
         return [out]
 
-    # a robot of this profile leaves its task some milliseconds after its end
-    config = SimulatorConfig(port=0, tcp_port=0, profile="tr200", speed=20)
-    with SimulatorThread(config) as chassis:
-        simulator = chassis.call(lambda simulator: simulator)
-        chassis.intercept(record)
-        site = Site(chassis, broker, recorder)
-        async with site.online() as master, site.other_client() as other:
-            x, y = START
+    chassis.intercept(record)
+    async with lifelike.online() as master, lifelike.other_client() as other:
+        if is_foreign:
+            await other.request(task_to(x + 0.5, y))
+            await eventually(lambda: chassis.state.pose.x > x + 0.1)
+            near = node("b", 0, x + 0.5, y, allowedDeviationXY=2.0)
+            master.order([near, node("c", 2, x + 1.0, y)])
+            await master.error("robotBusyError")
+        else:
             stop = node("b", 2, x + 0.5, y, theta=0.0, allowedDeviationTheta=0.1)
-            if is_foreign:
-                await other.request(task_to(x + 0.5, y))
-                await eventually(lambda: site.chassis.state.pose.x > x + 0.1)
-                near = node("b", 0, x + 0.5, y, allowedDeviationXY=2.0)
-                master.order([near, node("c", 2, x + 1.0, y)])
-                await master.error("robotBusyError")
-            else:
-                master.order([node("a", 0, x, y), stop, node("c", 4, x + 1.0, y)])
-            await eventually(lambda: len(received(chassis, ExecTask)) == 2)
-            set_speed(chassis, 20.0)
-            await master.reached("c")
+            master.order([node("a", 0, x, y), stop, node("c", 4, x + 1.0, y)])
+        await eventually(lambda: len(received(chassis, ExecTask)) == 2)
+        set_speed(chassis, 20.0)
+        await master.reached("c")
     assert states[:3] == [robot_pb2.kTask, robot_pb2.kIdle, robot_pb2.kTask]
 
 
@@ -214,33 +206,17 @@ async def test_pick_and_drop_move_the_lift(site: Site) -> None:
     assert statuses(site.recorder, "pick")[-2:] == ["RUNNING", "FINISHED"]
 
 
-async def test_pick_and_drop_at_a_mark_are_tasks_of_the_robot(site: Site) -> None:
+async def test_pick_and_drop_at_a_mark_are_tasks_that_wait_for_each_other(site: Site) -> None:
+    names = ("pick", "drop")
+    work = [action(each, each, blocking="SOFT", stationName="U5") for each in names]
     async with site.online() as master:
-        pick = action("pick", "pick", stationName="U5")
-        drop = action("drop", "drop", stationName="U5")
-        first, second = node("a", 0, *START), node("b", 2, 2.0, -7.0, actions=[pick])
+        first, second = node("a", 0, *START), node("b", 2, 2.0, -7.0, actions=work)
         master.order([first, second, node("c", 4, 2.0, -6.0)])
         ended = await master.reached("c")
-        assert status_of(ended, "pick") == "FINISHED"
-        assert site.chassis.state.jack == pytest.approx(0.06)
-        master.order([node("c", 0, 2.0, -6.0, actions=[drop])], order_id="second")
-        await master.status("drop", "FINISHED")
-        assert site.chassis.state.jack == 0.0
-    assert commands(site.chassis) == ["drive", "carry U5", "drive", "carry U5"]
+        assert status_of(ended, "pick") == status_of(ended, "drop") == "FINISHED"
+    assert commands(site.chassis) == ["drive", "carry U5", "carry U5", "drive"]
     tasks = received(site.chassis, ExecTask)
-    assert [each.direction for each in tasks] == [0, task.kFeeding, 0, task.kCutting]
-
-
-async def test_actions_that_are_tasks_of_the_robot_wait_for_each_other(site: Site) -> None:
-    async with site.online() as master:
-        master.order([node("a", 0, *START), node("b", 2, 2.0, -7.0)])
-        await master.reached("b")
-        names = ("pick", "drop")
-        work = [action(each, each, blocking="SOFT", stationName="U5") for each in names]
-        master.order([node("b", 0, 2.0, -7.0, actions=work)], order_id="second")
-        ended = await master.status("drop", "FINISHED")
-        assert status_of(ended, "pick") == "FINISHED"
-    assert commands(site.chassis) == ["drive", "carry U5", "carry U5"]
+    assert [each.direction for each in tasks] == [0, task.kFeeding, task.kCutting, 0]
 
 
 async def test_two_actions_that_look_for_a_charger_at_once_begin_one_task(site: Site) -> None:

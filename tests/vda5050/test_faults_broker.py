@@ -13,12 +13,9 @@ import pytest
 
 from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
-from tests.vda5050.broker import Mosquitto
 from tests.vda5050.conftest import EXEC, LEG, Site
 from tests.vda5050.master import START, Master, action, error_types, node, nodes_left
 from tests.vda5050.programs import running_connector
-from woosh_robot_agent.motion.timeliness import boot_time
-from woosh_robot_agent.vda5050 import mqtt
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import (
@@ -194,28 +191,10 @@ def test_topics_that_the_vehicle_may_not_read_are_found() -> None:
     assert refused_topics(["order", "instantActions"], [0, 0x80]) == ["instantActions"]
 
 
-async def test_a_connector_that_stood_still_for_a_while_connects_anew(
-    broker: Mosquitto, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    connections: list[float] = []
-    connection = MqttConnection(
-        BrokerConfig.from_url(broker.url),
-        "suspended",
-        lambda: Publication("will", "gone"),
-        {"order": lambda payload, retained: None},
-        lambda: connections.append(boot_time()),
-    )
-    running = asyncio.create_task(connection.run())
-    await eventually(lambda: connections)
-    monkeypatch.setattr(mqtt, "boot_time", lambda: boot_time() + 6.0)
-    await eventually(lambda: len(connections) == 2)
-    running.cancel()
-    await asyncio.wait({running})
-
-
 async def test_an_order_that_came_while_the_connector_was_suspended_is_not_driven(
     site: Site, tmp_path: Path
 ) -> None:
+    set_speed(site.chassis, 1.0)  # the broker takes half a minute to report the connector as lost
     async with Master(site.broker.port) as master:
         with running_connector(site.chassis, site.broker.url, tmp_path) as connector:
             await master.online()
@@ -230,3 +209,20 @@ async def test_an_order_that_came_while_the_connector_was_suspended_is_not_drive
             await master.status("r", "FINISHED")
             assert master.state["orderId"] == ""
     assert site.chassis.counts[EXEC] == 0
+
+
+def test_no_header_id_is_used_twice_whenever_the_program_ends() -> None:
+    saved: dict[str, int] = {}
+    used = []
+    for _ in range(5):
+        ids = HeaderIds(saved, saved.update)
+        for _ in range(1500):
+            number = ids.next("state")
+            assert number < saved["state"]
+            used.append(number)
+    assert used == sorted(set(used))
+
+
+def test_header_ids_begin_again_after_32_bits() -> None:
+    ids = HeaderIds({"state": 2**32 - 2})
+    assert [ids.next("state") for _ in range(4)] == [2**32 - 2, 2**32 - 1, 0, 1]

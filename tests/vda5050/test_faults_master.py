@@ -25,9 +25,6 @@ from tests.vda5050.master import (
     node,
     status_of,
 )
-from woosh_robot_agent.vda5050.messages.reading import read_order
-from woosh_robot_agent.vda5050.messages.state import ErrorType, RejectedError
-from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import MAX_RECEIVED, ReceiveQueue
 
 STAND: dict[str, Any] = {
@@ -46,19 +43,16 @@ RUBBISH = {
     "no JSON": b"{",
     "no text": b"\xff\xfe\x00",
     "UTF-16": order().decode().encode("utf-16"),
-    "UTF-16 without its mark": order().decode().encode("utf-16-be"),
-    "UTF-32": order().decode().encode("utf-32"),
-    "deep": b"[" * 1_000_000,
+    "deep": b"[" * 100_000,
     "nested": order().replace(b'"bad"', b"[" * 300 + b"]" * 300),
-    "null": b"null",
     "list": b"[1, 2]",
     "wrong types": order(nodes=7),
-    "many defects": order(nodes=[1] * 200_000),
+    "many defects": order(nodes=[1] * 20_000),
     "NaN": order(nodes=[node("a", 0, float("nan"), 0.0)]),
     "infinite": order().replace(b"4.23276472", b"1e999"),
     "huge number": order(orderUpdateId=10**30),
-    "endless number": order().replace(b'"orderUpdateId": 0', b'"orderUpdateId": ' + b"9" * 10_000),
-    "long text": order(orderId="x" * 1_000_000),
+    "endless number": order().replace(b'"orderUpdateId": 0', b'"orderUpdateId": ' + b"9" * 5_000),
+    "long text": order(orderId="x" * 100_000),
     "half a character": order(orderId="\ud800"),
     "10 MiB": order(padding="x" * 10 * 2**20),
     "another robot": order(serialNumber="30002"),
@@ -76,7 +70,8 @@ async def test_rubbish_is_rejected_and_does_no_harm(site: Site) -> None:
             await master.wait_state(
                 lambda state: error_types(state) == ["validationError"] * 2, f"errors for {name}"
             )
-            master.order([node("a", 0, *START)], order_id=f"good {index}")
+            good = order(orderId=f"good {index}").decode()
+            master.send_raw("order", good.encode("utf-8-sig"))  # the byte order mark is ignored
             await master.wait_state(
                 lambda state, index=index: (
                     state["orderId"] == f"good {index}" and state["errors"] == []
@@ -84,16 +79,6 @@ async def test_rubbish_is_rejected_and_does_no_harm(site: Site) -> None:
                 f"a good order after {name}",
             )
     assert site.chassis.counts[EXEC] == 0
-
-
-def test_another_encoding_is_named_and_a_byte_order_mark_is_ignored() -> None:
-    text = order(orderId="Auftrag f\u00fcr \u6728").decode()
-    identity = Identity("Woosh", "30001")
-    with pytest.raises(RejectedError, match=r"encoded in utf-16.*UTF-8") as caught:
-        read_order(text.encode("utf-16"), V2_1, identity)
-    assert caught.value.error.type == ErrorType.VALIDATION
-    read = read_order(text.encode("utf-8-sig"), V2_1, identity)
-    assert read.id == "Auftrag f\u00fcr \u6728"
 
 
 async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_other(
@@ -109,31 +94,6 @@ async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_othe
         master.instant(action("stateRequest", "1"))
         state = await master.status("1", "FINISHED")
         assert error_types(state) == ["noRouteError"]
-
-
-async def test_duplicates_and_old_updates_change_nothing(site: Site) -> None:
-    _, second, third = nodes = [
-        node("a", 0, *START),
-        node("b", 2, 5.5, -6.8, theta=0.0),
-        node("c", 4, 6.5, -7.0, theta=0.0),
-    ]
-    async with site.online() as master:
-        for _ in range(5):
-            master.order(nodes[:2])
-        await master.reached("b")
-        for _ in range(3):
-            master.order([second, third], update=1)
-            master.order(nodes[:2])
-        state = await master.wait_state(
-            lambda state: state["lastNodeId"] == "c" and state["errors"] != []
-        )
-        assert error_types(state) == ["orderUpdateError"]
-        assert state["orderUpdateId"] == 1
-        for _ in range(3):
-            master.instant(action("cancelOrder", "same"))
-        state = await master.status("same", "FAILED")
-        assert error_types(state).count("noOrderToCancel") == 1
-    assert site.chassis.counts[EXEC] == 2
 
 
 async def test_retained_messages_of_the_master_control_are_ignored(
@@ -184,27 +144,6 @@ async def test_a_flood_of_messages_does_not_stop_the_vehicle(
         assert len(master.state["actionStates"]) <= 300
         assert len(master.state["errors"]) <= 30
     assert len(caplog.text) < 200_000
-
-
-async def test_an_instant_action_is_not_repeated_after_a_new_order_and_a_restart(
-    site: Site, tmp_path: Path
-) -> None:
-    words = action("speak", "words", text="once")
-    async with Master(site.broker.port) as master:
-        async with site.vehicle(state_folder=tmp_path):
-            await master.online()
-            master.instant(words)
-            await master.status("words", "FINISHED")
-            master.order([node("a", 0, *START)])
-            await master.accepted("order")
-            master.instant(words)
-            await master.wait_state(lambda state: error_types(state) == ["instantActionError"])
-        master.received.clear()
-        async with site.vehicle(state_folder=tmp_path):
-            await master.online()
-            master.instant(words, action("stateRequest", "last"))
-            await master.status("last", "FINISHED")
-    assert site.chassis.state.spoken == ("once",)
 
 
 async def test_a_request_with_the_id_of_a_former_one_is_performed_again(

@@ -29,7 +29,7 @@ from woosh_robot_agent.simulator.world.geometry import Pose
 STRAIGHT = StepControl.Step(mode=StepControl.Step.kStraight, value=0.4, speed=0.02)
 
 
-async def test_a_manual_mode_clears_the_order(site: Site) -> None:
+async def test_a_manual_mode_clears_the_order_and_rejects_the_next(site: Site) -> None:
     async with site.online() as master:
         await site.drive(master)
         site.chassis.set_key_switch(True)
@@ -38,6 +38,9 @@ async def test_a_manual_mode_clears_the_order(site: Site) -> None:
             lambda state: state["operatingMode"] == "MANUAL" and not state["nodeStates"]
         )
         assert "interruptedError" in error_types(state)
+        assert state["orderId"] == "order"
+        master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)], order_id="next")
+        state = await master.error("orderError")
         assert state["orderId"] == "order"
         site.chassis.set_key_switch(False)
         await master.wait_state(lambda state: state["operatingMode"] == "AUTOMATIC")
@@ -67,15 +70,6 @@ async def test_a_step_does_not_go_on_when_the_key_is_back_at_automatic(
         before = site.chassis.state.pose
         await asyncio.sleep(1.0)
         assert site.chassis.state.pose == before
-
-
-async def test_an_order_in_a_manual_mode_is_rejected(site: Site) -> None:
-    async with site.online() as master:
-        site.chassis.set_key_switch(True)
-        await master.wait_state(lambda state: state["operatingMode"] == "MANUAL")
-        master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
-        state = await master.error("orderError")
-        assert state["orderId"] == ""
 
 
 async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(site: Site) -> None:
@@ -136,23 +130,6 @@ async def test_an_order_waits_for_the_step_of_somebody_else_beside_an_own_action
         await master.reached("b")
 
 
-async def test_an_order_with_a_running_action_waits_for_the_task_of_somebody_else(
-    site: Site,
-) -> None:
-    lift = action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001)
-    first = node("a", 0, *START, allowedDeviationXY=1.0, actions=[lift])
-    second = node("b", 2, 6.0, -7.0)
-    async with site.online() as master, site.other_client() as gate:
-        master.order([first, second | {"released": False}])
-        await master.status("lift", "RUNNING")
-        set_speed(site.chassis, 0.1)
-        assert (await gate.request(task_to(4.3, -6.68))).ok
-        await master.wait_state(lambda state: state["driving"])
-        master.order([first, second], update=1)
-        await master.error("robotBusyError")
-        assert site.chassis.counts[EXEC] == 1
-
-
 async def test_cancelling_an_order_leaves_the_task_of_somebody_else_alone(site: Site) -> None:
     async with waiting_for(task_to(4.3, -6.68), site) as master:
         master.instant(action("cancelOrder", "cancel"))
@@ -192,7 +169,9 @@ async def test_an_action_that_does_not_drive_hides_no_move(site: Site) -> None:
         master.instant(action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001))
         await master.status("lift", "RUNNING")
         site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(5.5, -6.8, 0.0)))
-        await master.placed_at(5.5)
+        await eventually(
+            lambda: master.last("visualization").get("agvPosition", {}).get("x") == 5.5
+        )
         master.order([first, second], update=1)
         await master.error("interruptedError")
     assert site.chassis.counts[EXEC] == 0

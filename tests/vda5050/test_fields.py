@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from scripts.vda5050_tables import REMARKS, UNSUPPORTED
-from tests.vda5050.fields import message_fields, schema_fields, topics
 from tests.vda5050.samples import FACTSHEET, ROBOT, STATE
+from woosh_robot_agent.vda5050.messages.reading import SCHEMAS
 from woosh_robot_agent.vda5050.messages.state import ConnectionState
 from woosh_robot_agent.vda5050.messages.versions import VERSIONS, Version
 from woosh_robot_agent.vda5050.messages.writing import (
@@ -18,6 +20,50 @@ from woosh_robot_agent.vda5050.messages.writing import (
     state_message,
     visualization_message,
 )
+from woosh_robot_agent.vda5050.robot.status import OPTIONAL_PARAMETERS
+
+HEADER = ("headerId", "timestamp", "version", "manufacturer", "serialNumber")
+
+
+def topics(version: str) -> list[str]:
+    return sorted(path.stem for path in (SCHEMAS / version).glob("*.schema"))
+
+
+def schema_fields(version: str, topic: str) -> list[str]:
+    """All fields of a message with their paths, without its header, in the sequence of the schema.
+
+    Indices of arrays are left out: `errors.errorType`.
+    """
+    schema = json.loads((SCHEMAS / version / f"{topic}.schema").read_text("utf-8"))
+    names = dict.fromkeys(_schema_fields(schema, schema, ""))
+    return [name for name in names if name not in HEADER]
+
+
+def _schema_fields(root: Any, schema: Any, path: str) -> Iterator[str]:
+    if "$ref" in schema:
+        resolved = root
+        for part in schema["$ref"].removeprefix("#/").split("/"):
+            resolved = resolved[part]
+        yield from _schema_fields(root, resolved, path)
+    if "items" in schema:
+        yield from _schema_fields(root, schema["items"], path)
+    for name, inner in schema.get("properties", {}).items():
+        full = f"{path}.{name}" if path else name
+        yield full
+        yield from _schema_fields(root, inner, full)
+
+
+def message_fields(message: Any, path: str = "") -> Iterator[str]:
+    """All fields of a message, as `schema_fields`, but with those of the header."""
+    if isinstance(message, list):
+        for each in message:
+            yield from message_fields(each, path)
+    if isinstance(message, dict):
+        for name, value in message.items():
+            full = f"{path}.{name}" if path else name
+            yield full
+            yield from message_fields(value, full)
+
 
 SENT: dict[str, Callable[[Version], dict[str, Any]]] = {
     "connection": lambda version: connection_message(version, ConnectionState.ONLINE),
@@ -61,3 +107,12 @@ def test_all_fields_are_sent_except_those_that_the_table_leaves_out(
             assert pattern.endswith(".*") or not left_out & sent, pattern
             fields = [name for name in fields if name not in left_out or name in sent]
     assert sorted(fields) == sorted(sent)
+
+
+@pytest.mark.parametrize("version", VERSIONS.values(), ids=VERSIONS)
+def test_the_optional_parameters_are_fields_of_the_order(version: Version) -> None:
+    sheet = factsheet_message(version, replace(FACTSHEET, optional_parameters=OPTIONAL_PARAMETERS))
+    names = [each["parameter"] for each in sheet["protocolFeatures"]["optionalParameters"]]
+    assert len(names) >= 6
+    known = {f"order.{name}" for name in schema_fields(version.number, "order")}
+    assert set(names) <= known

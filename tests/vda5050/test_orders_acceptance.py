@@ -10,20 +10,6 @@ from tests.vda5050.orders import Robot, action, at, given, path, place, referenc
 from woosh_robot_agent.vda5050.messages.order import BlockingType, Edge, NodePosition, Order
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorLevel, ErrorType, Position
 
-
-def test_an_order_at_the_place_of_the_vehicle_is_accepted() -> None:
-    robot = given(path("abc", "d"))
-    status = robot.machine.status
-    assert (status.order_id, status.update_id, robot.last) == ("order", 0, "a")
-    assert (robot.nodes, robot.edges) == ("bcD", ["ab", "bc", "cd"])
-
-
-def test_an_order_of_one_node_ends_at_once() -> None:
-    robot = given(path("a"))
-    assert (robot.last, robot.nodes, robot.legs) == ("a", "", [])
-    assert not robot.machine.busy
-
-
 ORDER = path("abc", "d")
 MALFORMED = {
     "no id": replace(ORDER, id=""),
@@ -60,21 +46,21 @@ def test_a_malformed_order_is_rejected(order: Order) -> None:
     assert references(error)["orderUpdateId"] == "0"
 
 
-def test_another_order_is_rejected_while_one_is_executed_or_waits_for_an_update() -> None:
+def test_another_order_is_rejected_until_the_one_before_has_ended() -> None:
+    """While it is driven, waits for an update, or an action runs."""
     robot = given(path("ab", "c"))
     error = robot.refuses(path("a", order_id="other"))
     assert error.type == ErrorType.OTHER_ORDER_ACTIVE
     assert references(error)["orderId"] == "other"
     robot.arrive()
-    assert robot.nodes == "C"
     assert robot.refuses(path("b", order_id="other")).type == ErrorType.OTHER_ORDER_ACTIVE
 
-
-def test_another_order_is_rejected_while_an_action_runs() -> None:
     robot = given(path("a", actions={"a": [action("pick")]}))
     assert robot.refuses(path("a", order_id="other")).type == ErrorType.OTHER_ORDER_ACTIVE
     robot.finish("pick")
-    robot.give(path("a", order_id="other"))
+    robot.give(path("ab", order_id="other", actions={"b": [action("new")]}))
+    assert robot.machine.status.order_id == "other"
+    assert robot.actions == {"new": "WAITING"}
 
 
 def test_another_order_is_rejected_until_the_vehicle_stands_after_a_cancellation() -> None:
@@ -85,15 +71,6 @@ def test_another_order_is_rejected_until_the_vehicle_stands_after_a_cancellation
     assert robot.refuses(path("ab", order_id="other")).type == ErrorType.OTHER_ORDER_ACTIVE
     robot.machine.poll()
     robot.give(path("ab", order_id="other"))
-
-
-def test_another_order_takes_the_place_of_one_that_has_ended() -> None:
-    robot = given(path("ab", actions={"b": [action("old", BlockingType.NONE)]}))
-    robot.arrive()
-    robot.finish("old")
-    robot.give(path("bc", first=0, order_id="other", actions={"c": [action("new")]}))
-    assert robot.machine.status.order_id == "other"
-    assert robot.actions == {"new": "WAITING"}
 
 
 @pytest.mark.parametrize(
@@ -135,6 +112,16 @@ def test_an_old_update_is_rejected_and_the_order_goes_on() -> None:
     assert robot.last == "b"
 
 
+def test_a_repeated_order_changes_nothing() -> None:
+    order = path("ab", "c")
+    robot = given(order)
+    robot.give(order)
+    assert (robot.legs, robot.nodes) == (["b"], "bC")
+    robot.arrive()
+    robot.give(order)
+    assert (robot.legs, robot.nodes) == (["b"], "C")
+
+
 def test_a_repeated_update_with_another_content_is_rejected() -> None:
     robot = given(path("ab", "c"))
     robot.give(path("bc", first=2, update=1))
@@ -150,18 +137,16 @@ def test_an_update_extends_the_base_at_its_last_node() -> None:
     assert robot.machine.status.update_id == 7
 
 
-def test_an_update_replaces_the_horizon_and_its_actions() -> None:
+def test_an_update_replaces_or_deletes_the_horizon_and_its_actions() -> None:
     robot = given(path("ab", "cd", actions={"c": [action("gone")], "b": [action("stays")]}))
     robot.give(path("b", "e", first=2, update=1, actions={"e": [action("new")]}))
     assert (robot.nodes, robot.edges) == ("bE", ["ab", "be"])
     assert list(robot.actions) == ["stays", "new"]
-
-
-def test_an_update_can_delete_the_horizon() -> None:
-    robot = given(path("ab", "cd"))
-    robot.give(path("b", first=2, update=1))
+    robot.give(path("b", first=2, update=2))
     assert (robot.nodes, robot.edges) == ("b", ["ab"])
+    assert list(robot.actions) == ["stays"]
     robot.arrive()
+    robot.finish("stays")
     assert not robot.machine.busy
 
 
@@ -240,15 +225,3 @@ def test_a_node_at_the_place_of_the_last_one_is_reached_without_driving() -> Non
     robot.give(update)
     assert robot.legs == ["b"]
     assert (robot.last, robot.actions) == ("c", {"pick": "INITIALIZING"})
-
-
-def test_an_objection_of_the_vehicle_leaves_everything_as_it_is() -> None:
-    robot = given(path("ab", "c"))
-    before = robot.machine.status
-
-    def object_to(order: Order) -> None:
-        raise ValueError(order.id)
-
-    with pytest.raises(ValueError, match="order"):
-        robot.machine.receive(path("bc", first=2, update=1), object_to)
-    assert robot.machine.status == before

@@ -160,13 +160,6 @@ def certificate_of_another_authority(broker: SecureMosquitto, folder: Path) -> B
     return options(url, "--ca-file", ca, VDA5050_PASSWORD=PASSWORD)
 
 
-def certificate_that_the_system_does_not_trust(
-    broker: SecureMosquitto, folder: Path
-) -> BrokerConfig:
-    url = f"mqtts://{SERIAL}@127.0.0.1:{broker.tls_port}"
-    return options(url, VDA5050_PASSWORD=PASSWORD)
-
-
 def certificate_of_another_name(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
     url = f"mqtts://{SERIAL}@localhost:{broker.tls_port}"
     ca = broker.authority.certificate
@@ -183,7 +176,6 @@ async def test_without_the_right_certificates_there_is_no_connection(
 ) -> None:
     refused: list[tuple[Login, tuple[str, ...]]] = [
         (certificate_of_another_authority, UNTRUSTED),
-        (certificate_that_the_system_does_not_trust, UNTRUSTED),
         (certificate_of_another_name, UNTRUSTED),
         (no_client_certificate, ()),
     ]
