@@ -270,7 +270,8 @@ class MotionGate:
         """Number of the task that the chassis had accepted and not begun at the last stop, in
         `WheelOwner.acceptances`; 0 without one."""
         self._stop_answered = -math.inf
-        """Monotonic time at which the chassis had last answered all requests of a stop."""
+        """Monotonic time at which the chassis had last answered all requests of a stop; infinite
+        during a stop."""
         self._stalls = StallWatch(lambda: self.timing)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
@@ -338,9 +339,11 @@ class MotionGate:
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
         owner = self._reported_owner
         self._awaited_task = owner.acceptances if owner.awaits_task else 0
-        report = await self._send_stop(timeout)
-        self._stop_answered = time.monotonic()
-        return report
+        self._stop_answered = math.inf
+        try:
+            return await self._send_stop(timeout)
+        finally:
+            self._stop_answered = time.monotonic()
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
@@ -353,10 +356,10 @@ class MotionGate:
             zero = await self._send_first(Twist(), timeout)
         answered = dict(zip(orders, cancels, strict=True))
         refused = [name for name, answer in answered.items() if _is_refused(answer)]
-        # an earlier cancel may have ended it already, and the report be on its way
-        await self._wait_for_end(refused)
+        # what was refused may have been ended by an earlier cancel, and the report be on its way;
         # until a cancel takes effect, the chassis may refuse the zero
-        if _is_refused(zero) and await self._wait_for_end(orders):
+        moved = await self._wait_for_end(orders if _is_refused(zero) else refused)
+        if moved and _is_refused(zero):
             zero = await self._send_first(Twist(), timeout)
         running = tuple(filter(self._reported_owner.moves, refused))
         return StopReport(zero, answered, running)
@@ -529,10 +532,14 @@ class MotionGate:
         """Return those of `_starts` that may still matter after a stop.
 
         A stop may come up to `effect` after the answer to a start, and the report of the start up
-        to `effect` after the stop.
+        to `effect` after the answers to the stop.
         """
         oldest = time.monotonic() - 2 * self.timing.effect
-        return [each for each in self._starts.get(started, ()) if each.answered > oldest]
+        return [
+            each
+            for each in self._starts.get(started, ())
+            if each.answered > oldest or self._is_late(each)
+        ]
 
     def _forget_start(self, started: str, start: _Start) -> None:
         """Remove a command from `_starts`: it starts nothing."""
