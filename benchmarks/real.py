@@ -9,12 +9,14 @@ are simulated time, so the load of the machine does not matter.
 from __future__ import annotations
 
 import argparse
+import json
 import statistics
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 from benchmarks.figures import Figure, markdown
+from tests.fact_files import FOLDER
 from tests.simulator.real_tasks import (
     CANCEL,
     CONTINUE,
@@ -29,7 +31,6 @@ from tests.simulator.real_tasks import (
     exec_task,
     matches,
     real_robot,
-    real_tasks,
     shows,
     task_id,
     triple,
@@ -145,7 +146,8 @@ def merged(times: Iterable[Times]) -> Times:
 
 def real_times() -> Times:
     """Return the times of the accepted tasks in the logs."""
-    accepted = [task for task in real_tasks() if task["end"]]
+    tasks = json.loads((FOLDER / "real_tasks.json").read_text())
+    accepted = [task for task in tasks if task["end"]]
     return merged(times_of_task(events_of_log(task)) for task in accepted)
 
 

@@ -419,6 +419,30 @@ async def test_a_task_of_another_client_that_a_stop_did_not_reach_is_cancelled(a
             await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
 
 
+@pytest.mark.parametrize("between_tasks", [False, True])
+async def test_a_stop_ends_a_whole_task_set(between_tasks: bool) -> None:
+    """Real robots go on with the next task of a set when the cancelled one has ended."""
+
+    def task(number: int, state: str) -> Frame:
+        return {"robotTaskId": str(1719959961 * 100 + number), "state": state}
+
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        ended = [task(1, "kCanceled"), {}]  # an empty report follows
+        await rig.wire.push("woosh.robot.TaskProc", task(1, "kExecuting"))
+        await eventually(lambda: rig.gate.owner)
+        if between_tasks:
+            for report in ended:
+                await rig.wire.push("woosh.robot.TaskProc", report)
+            await eventually(lambda: not rig.gate.owner)
+        assert (await soon(rig.gate.stop(TIMEOUT))).success
+        for number in (2, 3):
+            for report in [*ended, task(number, "kExecuting")]:
+                await rig.wire.push("woosh.robot.TaskProc", report)
+            await eventually(lambda number=number: len(types(rig.wire)) == number * ORDERS)
+            ended = [task(number, "kCanceled"), {}]
+        await begins_uncancelled(rig)
+
+
 async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:
     async with gated(hold=0.0, effect=NEVER) as rig:
         await ok(rig.gate.request(Follow(type=True)))

@@ -62,6 +62,26 @@ def answer_to(chassis: SteppedChassis, type_name: str, **body: Any) -> Frame:
     return wait_frame(chassis, lambda frame: frame.sn == sn)
 
 
+_BODIES: dict[str, Json] = {
+    "woosh.robot.InitRobot": {"isRecord": True},
+    "woosh.robot.SwitchWorkMode": {"mode": 2},
+}
+"""Bodies of requests whose answers are timed; all others are empty."""
+
+
+def answer_times(type_name: str, count: int) -> list[float]:
+    """Return the times of the answers to `count` requests of a type, shortest first.
+
+    Each request is sent after the answer to the one before, whether that was accepted or refused.
+    """
+    chassis = SteppedChassis()
+    found = []
+    for _ in range(count):
+        sent = chassis.chassis.elapsed
+        found.append(answer_to(chassis, type_name, **_BODIES.get(type_name, {})).time - sent)
+    return sorted(found)
+
+
 def ask(chassis: SteppedChassis, type_name: str, **body: Any) -> Frame:
     """Return the answer to a request, which must be ok."""
     answer = answer_to(chassis, type_name, **body)

@@ -9,7 +9,14 @@ from itertools import pairwise
 import pytest
 
 from tests.simulator.real_tasks import exec_task, real_robot, shows
-from tests.simulator.recorded_chassis import SteppedChassis, answer_to, ask, pushed, wait_frame
+from tests.simulator.recorded_chassis import (
+    SteppedChassis,
+    answer_times,
+    answer_to,
+    ask,
+    pushed,
+    wait_frame,
+)
 from woosh_robot_agent.simulator.profile import Interval, load_profile
 
 POSE, BATTERY = "woosh.robot.PoseSpeed", "woosh.robot.Battery"
@@ -135,16 +142,6 @@ def test_battery_is_pushed_when_it_changes(real: SteppedChassis) -> None:
         "batteryCycle": 2000,
         "tempMax": 27,
     }
-
-
-def answer_times(type_name: str, count: int) -> list[float]:
-    """Return the times of the answers to `count` requests one after another, shortest first."""
-    chassis = SteppedChassis()
-    found = []
-    for _ in range(count):
-        sent = chassis.chassis.elapsed
-        found.append(answer_to(chassis, type_name).time - sent)  # accepted or refused
-    return sorted(found)
 
 
 def test_answers_take_as_long_as_those_of_the_real_robot() -> None:

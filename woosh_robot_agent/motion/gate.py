@@ -52,7 +52,7 @@ from woosh_robot_agent.link.subscriptions import call_logged
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.requests import commands_motion, may_move, started_by, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
-from woosh_robot_agent.motion.wheel_owner import ACTIONS, WheelOwner
+from woosh_robot_agent.motion.wheel_owner import ACTIONS, TASKS_PER_SET, WheelOwner
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
@@ -269,6 +269,8 @@ class MotionGate:
         self._awaited_task = 0
         """Number of the task that the chassis had accepted and not begun at the last stop, in
         `WheelOwner.acceptances`; 0 without one."""
+        self._stopped_task = 0
+        """Id of the task that was reported last before the last stop; 0 without one."""
         self._stop_answered = -math.inf
         """Monotonic time at which the chassis had last answered all requests of a stop; infinite
         during a stop."""
@@ -339,6 +341,7 @@ class MotionGate:
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
         owner = self._reported_owner
         self._awaited_task = owner.acceptances if owner.awaits_task else 0
+        self._stopped_task = owner.task_id
         self._stop_answered = math.inf
         try:
             return await self._send_stop(timeout)
@@ -359,7 +362,8 @@ class MotionGate:
         # what was refused may have been ended by an earlier cancel, and the report be on its way;
         # until a cancel takes effect, the chassis may refuse the zero
         moved = await self._wait_for_end(orders if _is_refused(zero) else refused)
-        if moved and _is_refused(zero):
+        # rule 6: not to what was started after the stop
+        if moved and _is_refused(zero) and not self._reported_owner.name:
             zero = await self._send_first(Twist(), timeout)
         running = tuple(filter(self._reported_owner.moves, refused))
         return StopReport(zero, answered, running)
@@ -603,7 +607,10 @@ class MotionGate:
         self._starts[started] = starts[1:]  # the oldest one has begun
         # any of them may be what begins, so none may have been sent after the stop
         is_new = bool(starts) and starts[-1].sent > self._stop_called
-        if not is_new and (any(map(self._is_late, starts)) or self._is_awaited(started)):
+        if not is_new and (
+            any(map(self._is_late, starts))
+            or (started == "task" and (self._is_awaited_task() or self._is_next_of_set()))
+        ):
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives:
             return
@@ -628,14 +635,24 @@ class MotionGate:
             self._stop_called, self._stop_answered, start.answered
         )
 
-    def _is_awaited(self, started: str) -> bool:
+    def _is_awaited_task(self) -> bool:
         """Return True if it is the task that the chassis had accepted before the last stop."""
-        if started != "task":
-            return False
         number, self._awaited_task = self._awaited_task, 0
         stopped = max(self._stop_called, self._stop_answered)
         is_same = number == self._reported_owner.acceptances > 0
         return is_same and time.monotonic() < stopped + self.timing.effect
+
+    def _is_next_of_set(self) -> bool:
+        """Return True if the task that begins now goes on with the set that the last stop ended.
+
+        The cancel of a task ends only this task: real robots begin the next one of its set about a
+        second after the end.
+        """
+        task_id, stopped_set = self._reported_owner.task_id, self._stopped_task // TASKS_PER_SET
+        if task_id == self._stopped_task or not stopped_set == task_id // TASKS_PER_SET > 0:
+            return False
+        # the cancel takes effect, and then the next task begins
+        return time.monotonic() < self._stop_answered + 2 * self.timing.effect
 
     async def _cancel_late_start(self) -> None:
         """Cancel what was started before the last stop, and has begun after it.
@@ -644,6 +661,7 @@ class MotionGate:
         """
         _LOG.warning("what was started just before the last stop has begun after it: cancelling it")
         report = await self._send_stop(self.timing.effect)
+        self._stop_answered = time.monotonic()  # now the rest of a set may begin
         if not report.success:
             _LOG.error("%s", report.message)
 

@@ -22,6 +22,8 @@ from woosh_robot_agent.sentences import Sentence
 
 TASK = Sentence("task {id}")
 """Name of a task."""
+TASKS_PER_SET = 100
+"""A task of a set is reported as the id of the set times this number, plus its id in the set."""
 
 _HELD_UP = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
 """States of an action held up by an obstacle or by traffic control."""
@@ -73,12 +75,14 @@ class WheelOwner:
     Attributes:
         name: name of the task or the actions that may drive the robot now; empty without any.
         acceptances: how often the robot has been seen to accept a task while it had none.
+        task_id: id of the task that was reported last, also if it has ended; 0 before the first.
     """
 
     def __init__(self, chassis: ChassisClient, on_start: Callable[[str, bool], None]) -> None:
         self._on_start = on_start
         self.name: str = ""
         self.acceptances = 0
+        self.task_id = 0
         self._has_task = False
         """True while the state of the robot is that of one with a task."""
         self._task = TaskProc()
@@ -111,6 +115,7 @@ class WheelOwner:
     def _task_changed(self, report: TaskProc) -> None:
         """Note the state of the task; call `on_start` if it drives and did not before."""
         before, self._task = self._task, report
+        self.task_id = report.robot_task_id or self.task_id  # an empty report follows the end
         self._update_name()
         drove_before = _may_drive(before) and before.robot_task_id == report.robot_task_id
         if _may_drive(report) and not drove_before:

@@ -18,7 +18,7 @@ from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import may_move
-from woosh_robot_agent.motion.wheel_owner import TASK, is_unfinished
+from woosh_robot_agent.motion.wheel_owner import TASK, TASKS_PER_SET, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
@@ -218,8 +218,6 @@ _OWN_TASKS = {
     task_pb2.kCharge: Said("charging", "type.charge"),
 }
 """Names of the tasks that a robot starts by itself, by type."""
-TASKS_PER_SET = 100
-"""A task of a set is reported as the id of the set times this number, plus its id in the set."""
 _MAX_TASKS = 50
 """Maximum number of the agent's tasks, and of its task sets, that are remembered."""
 

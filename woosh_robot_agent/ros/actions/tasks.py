@@ -15,12 +15,11 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.motion.wheel_owner import is_unfinished
+from woosh_robot_agent.motion.wheel_owner import TASKS_PER_SET, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecPreTask, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
 from woosh_robot_agent.robot.last_known import LastKnown
-from woosh_robot_agent.robot.who_drives import TASKS_PER_SET
 from woosh_robot_agent.ros.actions.goal import (
     Attribution,
     Outcome,

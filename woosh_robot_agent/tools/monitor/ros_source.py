@@ -46,7 +46,9 @@ class _RepeatedCall:
     """Repeated call of a service, with at most one call in flight.
 
     Args:
-        client: rclpy's client of the service.
+        node: rclpy's node.
+        srv: ROS type of the service.
+        name: name of the service.
         request: the request.
         timeout: time after which a call without a response is given up, in seconds, because DDS
             can lose the first request.
@@ -54,9 +56,16 @@ class _RepeatedCall:
     """
 
     def __init__(
-        self, client: Any, request: Any, timeout: float, on_response: Callable[[Any], None]
+        self,
+        node: Any,
+        srv: Any,
+        name: str,
+        request: Any,
+        timeout: float,
+        on_response: Callable[[Any], None],
     ) -> None:
-        self.client = client
+        self._node, self._srv, self._name = node, srv, name
+        self._client: Any = node.create_client(srv, name)
         self._request = request
         self._timeout = timeout
         self._on_response = on_response
@@ -67,19 +76,26 @@ class _RepeatedCall:
 
     def call(self) -> None:
         """Call the service if it is available, unless a call is in flight and not timed out."""
-        if self._future is not None and time.monotonic() - self._called_at < self._timeout:
-            return
-        self.cancel()
-        if self.client.service_is_ready():
+        if self._future is not None:
+            if time.monotonic() - self._called_at < self._timeout:
+                return
+            self.close()  # Fast DDS sometimes never matches a client with a service that is ready
+            self._client = self._node.create_client(self._srv, self._name)
+        if self._client.service_is_ready():
             self._called_at = time.monotonic()
-            self._future = self.client.call_async(self._request)
+            self._future = self._client.call_async(self._request)
             self._future.add_done_callback(self._on_done)
 
     def cancel(self) -> None:
         """Give up the call in flight, if any."""
         if self._future is not None:
             future, self._future = self._future, None
-            self.client.remove_pending_request(future)
+            self._client.remove_pending_request(future)
+
+    def close(self) -> None:
+        """Give up the call in flight, if any, and make no further ones."""
+        self.cancel()
+        self._node.destroy_client(self._client)
 
     def _on_done(self, future: Any) -> None:
         if future is self._future:  # otherwise it was cancelled
@@ -145,9 +161,13 @@ class RosSource:
     async def start(self) -> None:
         self._loop = asyncio.get_running_loop()
         srv = class_of(_ROBOT_INFO.srv, "srv")
-        client = self._node.create_client(srv, _ROBOT_INFO.name)
         self._robot_info_call = _RepeatedCall(
-            client, srv.Request(), _ROBOT_INFO_TIMEOUT, self._on_robot_info
+            self._node,
+            srv,
+            _ROBOT_INFO.name,
+            srv.Request(),
+            _ROBOT_INFO_TIMEOUT,
+            self._on_robot_info,
         )
         for topic in TOPICS:
             if not topic.on_demand:
@@ -287,17 +307,20 @@ class RosSource:
         self._last_answer_at = self._first_answer_at = 0.0
         self._address, self._doctor_command = "", "doctor"
         self._needs_robot_info = True
-        client = self._node.create_client(GetParameters, f"{name}/get_parameters")
         request = GetParameters.Request(names=list(_PARAMETERS))
         self._parameters_call = _RepeatedCall(
-            client, request, _PARAMETERS_TIMEOUT, self._on_parameters
+            self._node,
+            GetParameters,
+            f"{name}/get_parameters",
+            request,
+            _PARAMETERS_TIMEOUT,
+            self._on_parameters,
         )
         self._agent_name = name
 
     def _forget_agent(self) -> None:
         assert self._parameters_call is not None
-        self._parameters_call.cancel()
-        self._node.destroy_client(self._parameters_call.client)
+        self._parameters_call.close()
         self._robot_info_call.cancel()
         self._parameters_call = self._connected = None
         self._agent_name = ""
