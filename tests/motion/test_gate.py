@@ -16,6 +16,7 @@ from tests.motion.gate_checks import (
     RUNNING,
     TWIST,
     Rig,
+    Script,
     answer_all,
     answer_nothing,
     feedback,
@@ -194,12 +195,17 @@ async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_
         assert speeds(rig.wire) == [0, 0]
 
 
-async def test_a_zero_that_is_refused_until_the_task_has_ended_is_sent_again_then() -> None:
-    """A real robot ends a task some time after it has accepted the cancel."""
+@pytest.mark.parametrize(
+    "refuse", [refuse_zeros, refusing(lambda frame: is_zero(frame) or is_task_order(frame))]
+)
+async def test_a_zero_that_is_refused_until_the_task_has_ended_is_sent_again_then(
+    refuse: Script,
+) -> None:
+    """A real robot ends a task some time after it has accepted the cancel, or an earlier one."""
     ended = False
 
     async def chassis(wire: Wire, frame: Frame) -> bool:
-        return await (answer_all if ended else refuse_zeros)(wire, frame)
+        return await (answer_all if ended else refuse)(wire, frame)
 
     async with gated(chassis, effect=NEVER) as rig:
         await rig.wire.push("woosh.robot.TaskProc", RUNNING)
@@ -322,24 +328,35 @@ async def test_a_second_start_before_a_stop_is_also_cancelled_late() -> None:
         await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
 
 
-@pytest.mark.parametrize("late", ["start", "stop"])
-async def test_a_start_that_a_busy_chassis_executes_late_is_cancelled(late: str) -> None:
-    """What it begins depends on when it executes the requests, not on when they were sent."""
-    busy, held = True, list[Frame]()
+@pytest.mark.parametrize(
+    ("before_stop", "after_stop"), [(1.1, 0.0), (0.0, 1.1), (0.0, 2.1)], ids=str
+)
+async def test_a_start_that_a_busy_chassis_executes_late_is_cancelled(
+    before_stop: float, after_stop: float
+) -> None:
+    """What it begins depends on when it executes the requests, not on when they were sent.
+
+    In the last case, it executes the start at once, and the stop late.
+    """
+    effect, busy, held = 1.0, True, list[Frame]()
+    answers_start = after_stop > 2 * effect
 
     async def chassis(wire: Wire, frame: Frame) -> bool:
-        if busy and frame["type"] != "woosh.robot.RobotInfo" and "sn" in frame:
+        is_awaited = "sn" in frame and frame["type"] != "woosh.robot.RobotInfo"
+        if frame["type"] == "woosh.robot.ExecTask" and answers_start:
+            return await answer_all(wire, frame)
+        if busy and is_awaited:
             held.append(frame)
             return True
         return await answer_all(wire, frame)
 
-    async with gated(chassis, hold=0.0, effect=0.5) as rig:
+    async with gated(chassis, hold=0.0, effect=effect) as rig:
         starting = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
-        await eventually(lambda: held)
-        await asyncio.sleep(0.6 if late == "start" else 0.0)
+        await eventually(lambda: held or starting.done())
+        await asyncio.sleep(before_stop)
         stopping = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
-        await eventually(lambda: len(held) == 1 + ORDERS)
-        await asyncio.sleep(0.0 if late == "start" else 0.6)
+        await eventually(lambda: len(held) == ORDERS + (not answers_start))
+        await asyncio.sleep(after_stop)
         busy = False
         for frame in held:
             await rig.wire.answer(frame)
@@ -364,7 +381,7 @@ async def test_a_late_start_is_cancelled_although_an_earlier_one_has_never_begun
 async def test_a_late_start_that_is_not_cancelled_is_an_error(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    async with gated(refusing(is_task_order), effect=0.3) as rig:
+    async with gated(refusing(is_task_order), effect=1.0) as rig:
         await ok(rig.gate.request(ExecTask(task_id=7)))
         assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing runs yet"
         await rig.wire.push("woosh.robot.TaskProc", RUNNING)

@@ -692,7 +692,7 @@ class Connection:
                 envelope.message = self._codec.body(envelope, cls)
             except FrameError:  # raised again, and counted, when a consumer reads the body
                 return envelope
-            if not envelope.sn:  # an answer keeps its body, which may be read as another type
+            if not envelope.sn:  # a push; an answer may still be read as another type
                 envelope.body = None  # frees the parsed value
         return envelope
 

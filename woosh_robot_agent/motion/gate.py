@@ -8,8 +8,8 @@
    before the link was lost, is not sent after a reconnect.
 4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, those that
    arrive shortly after the stop, and those that a client sent before it, are not sent. What was
-   started from here just before the stop is cancelled again if it begins just after it, and so is a
-   task of another client that the chassis had accepted.
+   started from here just before the stop is cancelled again if it begins just after it. So is a
+   task of another client that the chassis had accepted, and the next task of a set.
 5. A closed gate sends nothing that moves the robot. On closing, it sends a zero velocity if the
    robot may still be driving at a velocity from this gate.
 6. A zero velocity is not sent to a robot that a task or an action drives. Earlier velocities no
@@ -359,8 +359,8 @@ class MotionGate:
             zero = await self._send_first(Twist(), timeout)
         answered = dict(zip(orders, cancels, strict=True))
         refused = [name for name, answer in answered.items() if _is_refused(answer)]
-        # what was refused may have been ended by an earlier cancel, and the report be on its way;
-        # until a cancel takes effect, the chassis may refuse the zero
+        # The zero may be refused until the cancels take effect. If it was accepted, wait only for
+        # those whose cancel was refused: an earlier one may be taking effect.
         moved = await self._wait_for_end(orders if _is_refused(zero) else refused)
         # rule 6: not to what was started after the stop
         if moved and _is_refused(zero) and not self._reported_owner.name:
@@ -636,7 +636,7 @@ class MotionGate:
         )
 
     def _is_awaited_task(self) -> bool:
-        """Return True if it is the task that the chassis had accepted before the last stop."""
+        """Return True, once, if it is the task that had been accepted before the last stop."""
         number, self._awaited_task = self._awaited_task, 0
         stopped = max(self._stop_called, self._stop_answered)
         is_same = number == self._reported_owner.acceptances > 0
@@ -655,11 +655,11 @@ class MotionGate:
         return time.monotonic() < self._stop_answered + 2 * self.timing.effect
 
     async def _cancel_late_start(self) -> None:
-        """Cancel what was started before the last stop, and has begun after it.
+        """Cancel what has begun after a stop that should have prevented it.
 
-        The cancels of the stop may have come too early, and then have no effect.
+        The cancels of the stop came too early, and had no effect on it.
         """
-        _LOG.warning("what was started just before the last stop has begun after it: cancelling it")
+        _LOG.warning("what the last stop should have prevented has begun: cancelling it")
         report = await self._send_stop(self.timing.effect)
         self._stop_answered = time.monotonic()  # now the rest of a set may begin
         if not report.success:

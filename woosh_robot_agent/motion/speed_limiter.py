@@ -135,7 +135,10 @@ class SpeedLimiter:
                 self._is_action_unknown = True
 
     def _take_actions(self, answer: Answer) -> None:
-        """Take the state of the actions from the answer, if it has one."""
+        """Take the state of the actions from the answer.
+
+        An answer that does not tell it leaves the last known state: the action navigates.
+        """
         if answer.ok and isinstance(answer.body, Feedbacks):
             self._actions_reported(answer.body)
         else:
@@ -200,8 +203,8 @@ class SpeedLimiter:
     async def _send_limit(self, navigation: int, limit: float) -> None:
         """Send a limit.
 
-        A refusal ends the attempts for this navigation. It does not matter if the robot navigates
-        to something else by then, or the limit has changed.
+        A refusal ends the attempts for this navigation, unless the robot navigates to something
+        else by then, or the limit has changed.
 
         Args:
             navigation: the navigation to limit: the value of `_navigation` before the request.

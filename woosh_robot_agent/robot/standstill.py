@@ -344,7 +344,7 @@ class Standstill:
                 self._demand = None
 
     def _set_standing(self, demand: _Demand, *, may_stand: bool) -> None:
-        """Expect no movement, and end the warning, while the robot may stand."""
+        """Expect no movement, and end the warning, if the robot may stand; otherwise expect one."""
         if may_stand:
             demand.since, demand.warned = None, False
         elif demand.since is None:

@@ -46,10 +46,14 @@ def _awaited_in_thread(
 
 
 class _Property(Generic[T]):
-    """A property of `SimulatedChassis` that is read in the simulator's thread."""
+    """A property of `SimulatorThread` that reads one of `SimulatedChassis`, in its thread.
+
+    Args:
+        getter: the property object of `SimulatedChassis`. mypy takes it for its getter.
+    """
 
     def __init__(self, getter: Callable[[SimulatedChassis], T]) -> None:
-        prop: Any = getter  # mypy takes a property of a class for its getter
+        prop: Any = getter
         self._get: Callable[[SimulatedChassis], T] = prop.fget
         self.__doc__ = prop.__doc__
 

@@ -53,7 +53,7 @@ class HeaderIds:
     ) -> None:
         self._next = Counter(first or {})
         self._reserved = Counter(self._next)
-        """The first id of each topic that is not reserved."""
+        """End of the block of reserved ids of each topic: the first id after it."""
         self._save = save
 
     def next(self, topic: str) -> int:

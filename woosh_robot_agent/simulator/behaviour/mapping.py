@@ -85,7 +85,7 @@ class MapBuilder:
         self._robot = robot
         self._profile = robot.profile.mapping
         self._pictures = DelayedCalls(robot)
-        """The next request for a picture; none are scheduled unless the mapping is running."""
+        """The next call of `_request_picture`; none unless the mapping is running."""
         self._phase = Phase.NONE
         self._scene_name = self._map_name = ""
         """Names of the map that is or was last being made, and of its scene; empty at first."""

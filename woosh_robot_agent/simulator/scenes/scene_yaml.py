@@ -267,7 +267,7 @@ def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
     free_ids = (number for number in count(1) if number not in given)
     for each in entry.maps:
         maps.append(_map(each, next(free_ids) if each.id is None else each.id, read))
-        check_pixels(each.source, maps)
+        check_pixels(each.source, maps)  # the limit is for all maps together
     places = [each.source for each in entry.maps]
     check_unique(places, "name", [each.name for each in maps])
     check_unique(places, "id", [each.id for each in maps])
@@ -285,6 +285,7 @@ def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
             woosh_task_pb2.RepeatTask(times=each.times, task_set=_task_set(each, marks))
             for each in entry.tasks.predefined
         )
+        # those that call buttons start
         scene.calls.call_tasks.extend(_call_task(each, marks) for each in entry.tasks.calls)
     return scene
 

@@ -116,7 +116,10 @@ class Parts:
         callback([name for name in self.messages if name != SCAN])
 
     def unwatch(self, viewer: object) -> None:
-        """Call the callback of a viewer no more; idempotent."""
+        """Call the callback of a viewer no more; idempotent.
+
+        Without any viewer, nothing is published each second.
+        """
         self._viewers.pop(viewer, None)
         if not self._viewers:
             self._watched.clear()

@@ -72,8 +72,8 @@ class InstantActions:
         """Ids of the last instant actions, the oldest first; a dict serves as an ordered set."""
         self.commands: list[Perform] = []
         self._pause_again: dict[str, Action] = {}
-        """startPause actions to perform once an earlier startPause with the same id has ended, by
-        id."""
+        """startPause actions, by id, that a master control has sent once more while the one with
+        this id was running. They are received again when that one has ended."""
         self.last_motion = ""
         self.errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
 

@@ -392,6 +392,7 @@ class TaskRunner:
             if report is not None and task_id == self.id:
                 self._handle_report(report)
 
+        # `take_answer` is called in order with the pushed reports; this task goes on later
         answer = await self._link.ask(TaskHistory(), tap=take_answer)
         return end_of(answer) is not None
 
