@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import GetParameters
 
 from tests.harness import HUMBLE, Client, Collector, Program, wait_until
 from tests.node.cmd_vel import Sender
@@ -81,6 +82,7 @@ def test_two_clients_of_the_service_are_a_warning(simulator, agent, client, arra
     callers = [client.node.create_client(Twist, client.path("robot/Twist")) for _ in range(2)]
     for caller in callers:
         wait_until(caller.service_is_ready, "the service")
+    client.wait_known(GetParameters, client.path("agent/get_parameters"))
 
     def call(caller: Any, linear: float) -> None:
         future = caller.call_async(Twist.Request(arg=TwistMsg(linear=linear)))
