@@ -424,6 +424,24 @@ def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
     assert window.script("store.alarms.value.size") == 0
 
 
+def test_a_stop_just_after_the_loss_of_the_connection_opens_only_one(
+    robot: SimulatedPage, browser: Browser
+) -> None:
+    browser.driver.execute_script("""
+      globalThis.attempts = 0;
+      const connect = connection.connect;
+      connection.connect = () => (attempts++, connect.call(connection));
+      connection.socket.addEventListener("close", () => {
+        document.querySelector("#stop").click();
+        setTimeout(() => (globalThis.isOver = true), 1000); // the page's own next attempt is due
+      });
+      connection.socket.close();
+    """)
+    eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
+    eventually(lambda: browser.script("globalThis.isOver"), "the time of another attempt")
+    assert browser.script("attempts") == 1
+
+
 def test_two_presses_of_stop_without_a_connection_raise_no_alarm_once_it_is_confirmed(
     robot: SimulatedPage, browser: Browser
 ) -> None:
