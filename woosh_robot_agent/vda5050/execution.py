@@ -81,13 +81,7 @@ class Execution:
     """Executes the order and the instant actions. Used in the event loop of the link.
 
     Attributes:
-        link: the link to the robot.
-        version: version of the standard.
         types: the actions of the vehicle.
-        robot: the last reports of the robot.
-        maps: maps on the robot, and marks of its scene.
-        order: the current order.
-        instant: the instant actions.
         drive: executes the task that drives the current leg (part of an order without a stop).
         speed: the speed limit of the drive.
         calls: executes the robot's own actions.
@@ -167,7 +161,7 @@ class Execution:
 
     @property
     def may_act(self) -> bool:
-        """True if commands reach the robot, and no second connector may send commands, too."""
+        """True if the link is ready, and no second connector sends commands to the robot."""
         return self.is_only_connector and self.link.ready
 
     @property

@@ -140,7 +140,6 @@ class VehicleConfig:
         manufacturer: manufacturer in the topics.
         serial_number: serial number in the topics; empty for the one that the robot reports.
         interface: first level of the topics; a text with slashes gives several levels.
-        version: version of VDA 5050.
         limits: intervals and content of the messages.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
         state_folder: folder of the state file; None to keep nothing over a restart.
@@ -181,8 +180,6 @@ class Session:
     Create it after the first report of the robot, which may give the serial number for the topics.
 
     Args:
-        config: configuration of the vehicle.
-        broker: address of the broker, and how to log in.
         identity: manufacturer and serial number in the topics.
         reports: messages of the vehicle, which are published over this session.
         handlers: called with the payload of each message of the master control, by topic. Topics

@@ -45,7 +45,6 @@ class Run:
     """An action that is being performed, and what its function needs to perform it.
 
     Attributes:
-        action: the action.
         report: call it with each change of the status between the start and the end of the action.
         execution: the order of the vehicle, and the state of the robot.
         reports: messages of the vehicle.

@@ -74,7 +74,6 @@ class ParameterType:
     """A parameter of an action.
 
     Attributes:
-        key: name of the parameter.
         type: data type: FLOAT, STRING or BOOL.
         optional: True if the parameter may be left out.
         valid: returns True for a valid value of the data type; None if all values are valid.
@@ -198,7 +197,6 @@ class Factsheet:
         kinematics: `agvKinematic` in version 2.1: DIFF or OMNI.
         vehicle_class: `agvClass`, e.g. CARRIER.
         max_load: maximum mass of the load.
-        limits: intervals of the messages.
         outline: corners of the outline, as x and y in the vehicle's frame; empty if unknown.
         optional_parameters: optional fields that the vehicle obeys, e.g. `order.edges.maxSpeed`,
             with a description, which may be empty.

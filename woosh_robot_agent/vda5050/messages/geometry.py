@@ -79,7 +79,7 @@ def curve_defect(trajectory: Trajectory) -> str:
 def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
     """Return points along a valid trajectory (see `curve_defect`), from its start to its end.
 
-    They are at most about `_SPACING` apart, and farther on a straight line or a long curve.
+    They are about `_SPACING` apart or less, except on a straight line or a long curve.
     """
     degree, knots = int(trajectory.degree), trajectory.knots
     spans = [

@@ -147,7 +147,6 @@ class Trajectory:
     Attributes:
         degree: degree of the curve; 1 for straight lines between the control points.
         knots: knot vector; it does not decrease.
-        points: control points.
     """
 
     degree: int

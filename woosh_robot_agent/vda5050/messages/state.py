@@ -269,7 +269,7 @@ class OrderStatus:
         last_node_id: id of the last node that was reached; empty if there is none.
         last_node_sequence_id: its sequence id; 0 if there is none.
         nodes: nodes still to be reached, the horizon included.
-        edges: edges still to be left, the horizon included.
+        edges: edges still to be traversed, the horizon and the current edge included.
         actions: actions of the order; in a `VehicleState` also the instant actions.
         paused: True while the vehicle is paused; set in a `VehicleState` only.
         new_base_request: True if the vehicle needs more of the horizon released, because it is
@@ -328,7 +328,6 @@ class VehicleState:
 
     Attributes:
         order: progress of the order, with all actions.
-        robot: state of the robot.
         errors: errors of orders, actions, the connector and the robot.
     """
 

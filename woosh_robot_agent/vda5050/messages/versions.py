@@ -67,7 +67,7 @@ OBEYED_ANYWAY: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
     "reachOrientationBeforeEntering": lambda edge: not edge["reachOrientationBeforeEntering"],
 }
 """Unsupported fields of an edge that may demand only what the robot does anyway: to turn where it
-must, and to drive forwards. Each has a function that returns True for such an edge."""
+must, and to drive forwards. The function of a field returns True if an edge demands only that."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ def count_startable(waiting: Iterable[Action], running: Iterable[Action], *, dri
         running: actions that run, all of them started by this rule.
         driving: True if the vehicle drives.
     """
-    # one of them stands for all: an action that excludes others runs alone
+    # it is enough to look at one: an action that excludes others runs alone
     other = next(iter(running), None)
     count = 0
     for action in waiting:
@@ -38,7 +38,7 @@ class ActionsMemory:
     Attributes:
         states: states of all actions of the order.
         triggered: triggered actions that have not started.
-        running: actions that have started and not ended; some may be WAITING for other actions.
+        running: actions with a `Perform` command that have not ended; WAITING ones have not begun.
         of_edge: actions of the edge on which the vehicle drives.
     """
 

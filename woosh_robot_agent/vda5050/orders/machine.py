@@ -54,7 +54,7 @@ class OrderMemory:
         update_id: number of the order's last update.
         last_node: the node that was reached last; None before the first node.
         nodes: nodes still to be reached.
-        edges: edges still to be left.
+        edges: edges still to be traversed, the current one included.
         on_edge: True if the vehicle is on the first of `edges`.
         leg_length: number of nodes of the current leg (part of the order without a stop) that are
             still to be reached; 0 without a leg.

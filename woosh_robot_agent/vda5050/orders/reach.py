@@ -53,8 +53,8 @@ class Route:
     Attributes:
         last_node: the node that was reached last; None before the first node.
         nodes: nodes still to be reached.
-        edges: edges still to be left; the vehicle is on the first edge if `on_edge`.
-        on_edge: True if the vehicle is on an edge.
+        edges: edges still to be traversed to their end.
+        on_edge: True if the vehicle is on the first of `edges`.
         leg: the leg that the vehicle drives; None while it drives no leg.
         position: the last known position; None before the first report, also after a restart.
         driven: distance driven since the last node, in metres; None if unknown after a restart.
@@ -91,7 +91,7 @@ class Route:
 
     @property
     def parts(self) -> list[Node | Edge]:
-        """Nodes and edges still to be reached and left, in the order of traversal."""
+        """The remaining nodes and edges, in the order of traversal."""
         return in_sequence(self.nodes, self.edges)
 
     def begin(self, order: Order) -> None:

@@ -236,33 +236,27 @@ mark."""
 def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
     """Return an order with `Node.mark` set at the nodes to which the robot drives by a mark.
 
-    These are the nodes whose id is the number of a mark, and which have no position, or are at the
-    position of the mark and have an action that forbids driving. A node without a position gets the
-    position of the mark.
+    These nodes have the number of a mark as id. A node without a position gets that of its mark. A
+    node with a position must be at its mark, and have an action that forbids driving, e.g. `pick`.
 
     Args:
         order: the order as it was received.
         map_id: id of the map for nodes without a position.
         find: returns the position of a mark.
     """
-    return replace(order, nodes=tuple(_with_mark(node, map_id, find) for node in order.nodes))
 
+    def with_mark(node: Node) -> Node:
+        place = node.position
+        mark = find(node.id, map_id if place is None else place.map_id)
+        if mark is None:
+            return node
+        if place is None:
+            # the robot itself chooses the heading at a mark
+            return replace(node, mark=node.id, position=replace(mark, theta=None))
+        drives_by_mark = need_standstill(node.actions) and _is_at(place, mark)
+        return replace(node, mark=node.id) if drives_by_mark else node
 
-def _with_mark(node: Node, map_id: str, find: FindMark) -> Node:
-    """Return a node, with its mark if the robot drives to it by a mark.
-
-    `with_marks` tells when this is so.
-    """
-    place = node.position
-    mark = find(node.id, map_id if place is None else place.map_id)
-    if mark is None:
-        return node
-    if place is None:
-        # the robot itself chooses the heading at a mark
-        return replace(node, mark=node.id, position=replace(mark, theta=None))
-    if need_standstill(node.actions) and _is_at(place, mark):
-        return replace(node, mark=node.id)
-    return node
+    return replace(order, nodes=tuple(map(with_mark, order.nodes)))
 
 
 def _is_at(place: NodePosition, mark: NodePosition) -> bool:

@@ -346,7 +346,7 @@ class RobotCalls:
             self._ask_about(call)
 
     async def _learn_ends(self) -> None:
-        """Ask for the ends of actions that have ended without a report over this link."""
+        """Ask for the ends of earlier actions, so that `_ask` does not take them for new ones."""
 
         def take_answer(answer: Answer) -> None:
             if isinstance(answer.body, Feedbacks):
@@ -373,16 +373,16 @@ class RobotCalls:
                 self._ask_about(call)
 
     def _ask_about(self, call: _Call) -> None:
-        """Ask the robot about an action until its state is known or the link is lost.
-
-        End the action if the robot answers for `_REPORT_AFTER`, but knows nothing of it. If it has
-        reported the action, but never names one when it is asked, end the action only after a
-        cancellation that it has accepted.
-        """
+        """Start `_ask` for an action, unless it runs already."""
         self._link.background.start_once(lambda: self._ask(call), call)
 
     async def _ask(self, call: _Call) -> None:
-        """Ask until the state is known for now (`is_known`), or the call ends; see `_ask_about`."""
+        """Ask the robot about an action until its state is known, or the link is lost.
+
+        End the action if the robot answers for `_REPORT_AFTER`, but knows nothing of it. If the
+        robot pushes reports on the action, but never names one when it is asked, end the action
+        only after a cancellation that the robot has accepted.
+        """
         clock = asyncio.get_running_loop().time
         name, deadline, is_known = full_name(call.command), math.inf, False
 

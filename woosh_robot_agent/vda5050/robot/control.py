@@ -101,7 +101,7 @@ class Controller:
         return changed
 
     def send_now(self) -> None:
-        """Send the wanted command at once, if there is a link, e.g. because there is one now."""
+        """Send the wanted command now instead of after the pause, e.g. after a reconnect."""
         self._wake.set()
 
     def end(self) -> None:

@@ -117,14 +117,11 @@ class RobotLink:
     Args:
         config: address of the robot.
         timing: how long to wait for the robot.
-        on_changed: called after each event that may change the state of the vehicle, except a pose.
-        on_moved: called after each report of a pose.
-        save: see the attribute.
+        on_changed, on_moved, save: the functions of the attributes `changed`, `moved` and `save`.
 
     Attributes:
         chassis: client of the robot.
         gate: sends commands that move the robot, and tells who drives the robot.
-        timing: how long to wait for the robot.
         changed: call it after each event that may change the state of the vehicle, except a pose.
         moved: call it after each report of a pose.
         save: call it before a command, to save the state that must survive a restart.

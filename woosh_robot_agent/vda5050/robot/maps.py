@@ -118,9 +118,10 @@ class RobotMaps:
         return {each.name: str(each.version) for each in answer.body.maps}
 
     def _scene_reported(self, scene: Scene) -> None:
+        """Read maps and marks again; if this is under way already, begin anew."""
         if scene.scene_name != self._scene:
             self._scene, self._marks = scene.scene_name, {}
-        self._link.background.start(self._refresh(), self)  # instead of one that still runs
+        self._link.background.start(self._refresh(), self)
 
     async def _refresh(self) -> None:
         """Read maps and marks; try again until the robot answers or the link is lost."""

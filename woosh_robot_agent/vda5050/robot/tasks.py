@@ -462,7 +462,7 @@ class ActionTasks:
 
     @property
     def is_busy(self) -> bool:
-        """True while an action waits for a task, or one that began too late is cancelled."""
+        """True while an action waits for a task, or a task that began late is being cancelled."""
         return self._end is not None or self._task.is_late
 
     @property
