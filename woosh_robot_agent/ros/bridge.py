@@ -32,11 +32,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class LoopThread:
-    """A thread with an asyncio event loop, shared by the links of any number of robots.
-
-    Attributes:
-        loop: the event loop.
-    """
+    """A thread with an asyncio event loop, shared by the links of any number of robots."""
 
     def __init__(self) -> None:
         self._selector = _TimedSelector()
@@ -111,9 +107,6 @@ class LinkThread:
     Args:
         thread: the link thread; it may serve other robots too.
         context: context in which all work runs; it holds the node's logger (`logs.context_of`).
-
-    Attributes:
-        loop: the event loop of the thread.
     """
 
     def __init__(self, thread: LoopThread, context: Context) -> None:
@@ -125,7 +118,7 @@ class LinkThread:
 
     @property
     def longest_turns(self) -> tuple[float, float]:
-        """The `LoopThread.longest_turns` of the link thread."""
+        """Longest turn of the loop in the last one or two minutes, and ever, in seconds."""
         return self._thread.longest_turns
 
     def call(self, function: Callable[..., object], *args: object) -> None:
@@ -287,12 +280,8 @@ class DeferredService:
     The node owns the service, so the object need not be kept.
 
     Args:
-        node: owner of the service.
-        srv_type: ROS type of the service.
-        name: name of the service.
         handle: called with the request and the `Reply` in the executor thread; must not block.
         urgent: True to handle requests before all other callbacks (`UrgentCallbackGroup`).
-        qos: profile of the service.
     """
 
     def __init__(

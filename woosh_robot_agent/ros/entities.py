@@ -62,7 +62,6 @@ class Watched:
 
     Attributes:
         entity: rclpy's object.
-        kind: kind of the entity.
         owner: this object; for an event of a subscription, the `Watched` of the subscription. An
             entity and its owner are idle together.
         is_urgent: True if the callback of the entity runs before all others.
@@ -170,8 +169,6 @@ class WaitSet:
     """Entities that a thread waits for.
 
     Args:
-        context: rclpy's context.
-        watched: the entities.
         guards: guard conditions that only end a wait.
     """
 

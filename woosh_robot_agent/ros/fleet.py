@@ -64,7 +64,7 @@ class Fleet:
         loop.call_soon_threadsafe(loop.add_reader, fd, begin)
 
     def close(self, spin_once: Callable[[], None], *, destroy: bool = True) -> None:
-        """Close all agents concurrently; see `Agent.close`.
+        """Stop all robots, abort all goals and close all links, at the same time.
 
         Args:
             spin_once: runs one executor turn, so that goal results reach their clients.
@@ -136,6 +136,7 @@ def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list
 
 
 def _create_node(name: str, namespace: str, options: dict[str, Any]) -> ParameterNode:
+    """Create the node of a robot; raise ValueError with the cause if a parameter is invalid."""
     prefix = name.strip("/")
     defaults = {
         "ip": "",  # invalid, so it must be set: several robots cannot all have the default address

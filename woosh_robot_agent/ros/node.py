@@ -124,7 +124,7 @@ class Agent:
     Attributes:
         node: the node, to be added to an executor.
         robot: the link, the motion gate and the other objects of `RobotContext`.
-        actions: the goals.
+        actions: the action servers, with their goals.
 
     Args:
         node: the node; by default a new one.
@@ -350,8 +350,8 @@ def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
     """Close several agents at once, like `Agent.close`, but without destroying the nodes.
 
     Args:
-        agents: the agents.
-        spin_once: runs one turn of the executor of all agents, as in `Agent.close`.
+        agents: agents of one executor.
+        spin_once: runs one turn of this executor, so that goal results reach their clients.
     """
     for agent in agents:
         agent.begin_close()

@@ -46,7 +46,6 @@ def create_services(
     """Create the services; the node owns them.
 
     Args:
-        robot: objects that all services share.
         velocities: gets each call that commands a velocity.
         limits: returns the limits of velocities.
     """
@@ -128,7 +127,7 @@ class _QueryHandler:
         """
         if answer.ok and answer.type == self._endpoint.request:
             last_known = self._robot.last_known
-            # `get` decodes the previous value, which stays if this answer cannot be read
+            # decode the previous value now: it stays the last known one if this is unreadable
             last_known.get(answer.type)
             last_known.remember(answer.raw)
 

@@ -27,9 +27,7 @@ class StandardEndpoint:
     """A topic, service or action of a standard ROS type.
 
     Attributes:
-        name: name of the endpoint.
         type: ROS type, `package/Name`.
-        kind: kind of the endpoint.
         part: name with which the parameter `disabled_parts` switches the endpoint off; `tf` if the
             parameter `publish_tf` switches it, `nav2` if the parameter `nav2` does.
         meaning: what it contains or does, for the documentation.

@@ -136,7 +136,6 @@ class _Repetition:
     the event loop.
 
     Args:
-        subscribers: the subscribers.
         rate: returns the current rate, in Hz.
         work: called with the loop time. Its exceptions end the repetition.
 

@@ -50,7 +50,6 @@ class AgentGoal:
             out, as far as that is known; None if the agent starts the goal by itself.
 
     Attributes:
-        published: as the argument.
         accepted: future; True once the chassis has accepted the goal, False if it never will.
         ended: future of the end.
     """

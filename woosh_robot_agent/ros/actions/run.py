@@ -503,8 +503,8 @@ class GoalRun:
     def _possible_cancel_as_end(self) -> End | None:
         """Return `_possible_cancel` as the end of this goal; None if there is no such cancel.
 
-        Called when the poll that should tell whose cancel it was tells nothing. Returns None, too,
-        if a report shows that this goal has begun, and while its state is unknown.
+        Called when a poll has not told whether this goal was cancelled, or an earlier one. Returns
+        None, too, if a report shows that this goal has begun, and while its state is unknown.
         """
         has_begun = self._attribution.has_report
         if self._possible_cancel is None or has_begun or self._give_up.is_state_unknown:

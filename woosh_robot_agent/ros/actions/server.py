@@ -134,18 +134,12 @@ class GoalServer:
     """Server of one action. It accepts every request to cancel.
 
     Args:
-        node: owner of the services and topics.
-        thread: the link thread.
-        action_type: ROS type of the action.
-        name: name of the action.
         start: called with each accepted goal in the link thread; must not block.
         result_timeout: time for which the result of a goal is kept, in seconds.
         check: called with each goal before it is accepted; may change the goal, and raises a
             RejectedError to reject it. By default, every goal is accepted.
         rejects: False to accept what `check` rejects, too, with the reason as its `objection`,
             because a rejection cannot carry a text. `start` then ends the goal with that text.
-        services: profile of the services.
-        feedback: profile of the feedback.
     """
 
     def __init__(

@@ -72,7 +72,6 @@ class _Behavior(Nav2Action):
         """Let the chassis make a step.
 
         Args:
-            goal: the goal that the step carries out.
             tick: called ten times a second, to publish feedback.
             mode: mode of the step, a `StepControl.Step.Mode`.
             value: length of the step, in metres or radians.

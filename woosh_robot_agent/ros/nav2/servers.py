@@ -214,8 +214,6 @@ def create_service(
     """Create one of Nav2's services.
 
     Args:
-        context: the context of the standard layer.
-        name: name of the service.
         answer: fills the response to a request, in the link thread.
     """
     service_class = class_of(BY_NAME[name].type, "srv")

@@ -192,7 +192,6 @@ def link_status(
     """Return the status of the link: its state, and counters of traffic and losses.
 
     Args:
-        chassis: the link.
         superseded: number of velocities that were not sent because they were out of date.
         longest_turns: longest turn of the link thread's event loop in the last minutes, and since
             the start, in seconds. Commands wait for the end of a turn.

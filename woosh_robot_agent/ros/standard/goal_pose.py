@@ -128,6 +128,7 @@ class GoalPose(Part):
         return goal
 
     def _goal_answered(self, number: int, future: Any) -> None:
+        """Keep an accepted goal until it ends; run the cancels that waited for the newest goal."""
         handle = future.result()
         if handle.accepted:
             self._handles.append(handle)

@@ -38,8 +38,6 @@ class GrowingMap:
     Use it in the link thread.
 
     Args:
-        chassis: the link.
-        subscribers: the subscribers of the map.
         on_end: called when the robot no longer makes a map.
     """
 
@@ -255,7 +253,6 @@ async def grid(
     """Return a map as OccupancyGrid.
 
     Args:
-        context: the objects that the parts share.
         image: the map as PNG.
         resolution: size of a cell, in metres.
         origin: pose of the lower left corner of the image in the map's frame.

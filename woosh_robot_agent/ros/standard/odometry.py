@@ -79,8 +79,8 @@ HORIZON = 0.3
 _BLEND = 0.15
 """Time over which the error of a prediction is blended out, in seconds."""
 _FIRST_STEP = 0.05
-"""Maximum time that has passed since blending began at the first prediction from a report, in
-seconds. A longer time would make that prediction jump."""
+"""Maximum share of `_BLEND` that is over at the first prediction from a report, in seconds. With
+more, this prediction would jump."""
 _LONGEST_PAUSE = 1.5
 """Maximum time between two predictions that must not differ by a jump, in seconds."""
 _MIN_REPORT_INTERVAL = 0.01

@@ -79,7 +79,6 @@ class PartContext:
         """Return a publisher for a topic in `standard_endpoints.BY_NAME`, for the link thread.
 
         Args:
-            name: name of the topic.
             subscribers: creates the publisher, and counts its subscribers too, so that work can
                 stop while there are none.
         """
@@ -106,7 +105,6 @@ class PartContext:
         """Subscribe to a topic in `standard_endpoints.BY_NAME`.
 
         Args:
-            name: name of the topic.
             callback: called with each message in the link thread; must not block.
             type_name: ROS type of the topic, if it differs from the type in that table.
             in_executor: True to call `callback` in the executor thread instead.
@@ -130,7 +128,6 @@ class PartContext:
         """Create a service in `standard_endpoints.BY_NAME`.
 
         Args:
-            name: name of the service.
             handle: called with each request and its `Reply` in the executor thread; must not block.
                 The response may be sent later.
             urgent: True to handle requests before all other callbacks (`UrgentCallbackGroup`).

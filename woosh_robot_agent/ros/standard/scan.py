@@ -69,6 +69,7 @@ class Scan(Part):
             self._context.robot.thread.spawn(self._request)
 
     async def _request(self) -> None:
+        """Request a scan; publish it and the laser's pose, as far as the parameters enable them."""
         loop = asyncio.get_running_loop()
         sent = loop.time()
         try:

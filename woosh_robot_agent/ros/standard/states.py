@@ -106,8 +106,6 @@ class _ValuePart(Part):
     and counted.
 
     Args:
-        context: the objects that the parts share.
-        name: name of the topic.
         proto_class: protobuf class of the value.
         convert: converts the value into a ROS message, or into a serialized one; raises ValueError
             if that is not possible. A large push is converted in another thread.
