@@ -65,7 +65,6 @@ class Expiry:
     The timer is set again only for an earlier deadline. This is cheaper than a timer per request.
 
     Args:
-        loop: the event loop.
         expire: called with the loop time; fails the requests whose deadline has passed, and returns
             the next deadline, or infinity if there is none.
     """
@@ -117,7 +116,6 @@ class Liveness:
     arrives meanwhile is still unread. The program was busy if a wait ends later than it should.
 
     Args:
-        transport: the transport to watch.
         timeout: time without a sign of life after which the link counts as lost, in seconds.
         probe: asks for a sign of life and waits for it.
         sent: returns the number of frames that the transport has taken so far.
@@ -274,12 +272,11 @@ class _Pending:
     """A request that is waiting for its answer.
 
     Attributes:
-        message: the request.
         name: protobuf full name of the request.
         future: gets the answer.
         timeout: time to wait for the answer, in seconds.
         deadline: loop time at which the waiting ends.
-        tap: called with the answer as soon as it is read; or None.
+        tap: called with the answer as soon as it is read; None without a `tap`.
     """
 
     message: Message
@@ -424,7 +421,7 @@ class Connection:
             self._urgent_pending -= urgent
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
-        """Withdraw requests that wait to be sent; see `ChassisClient.withdraw`."""
+        """Withdraw requests that wait to be sent: each fails with a SupersededError."""
         for sn, pending in self._pending.items():
             if sn in self._outbox and which(pending.message):
                 del self._outbox[sn]
@@ -456,7 +453,7 @@ class Connection:
         return Traffic(self._transport.received, self._transport.backlog())
 
     def debug(self) -> dict[str, int]:
-        """Return the sizes of everything that may grow; see `ChassisClient.debug`."""
+        """Return the numbers of pending requests, of frames to be sent, and of running tasks."""
         return {
             "requests": len(self._pending),
             "outbox": len(self._outbox),
@@ -618,7 +615,7 @@ class Connection:
                 slice_started, burst = self._loop.time(), 0
 
     def _take(self, data: bytes) -> None:
-        """Receive a small frame that has just arrived; see `Transport.take_at_once`."""
+        """Receive a small frame that the transport passes on as soon as it has arrived."""
         try:
             self._receive(self._codec.decode(data), alone=True)
         except FrameError as error:

@@ -322,7 +322,6 @@ class ReconnectLoop:
     There is never more than one connection.
 
     Args:
-        config: the configuration.
         status: updated with the state of the link.
         subscriptions: renewed on each connection; gets the pushes.
         record: counters and logs.

@@ -117,7 +117,6 @@ class ConnectedClient:
     """A client that is connected to a server.
 
     Args:
-        transport: the open connection.
         max_outbox: maximum number of queued frames. A client that exceeds it is dropped.
 
     Attributes:

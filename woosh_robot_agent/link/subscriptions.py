@@ -226,7 +226,7 @@ class Subscriptions:
         self._held = None
 
     def count_bad_value(self, name: str, reason: str) -> None:
-        """Count a message that a consumer cannot use; see `ChassisClient.count_bad_value`."""
+        """Count a value in a message of type `name` that a consumer cannot use, and log it once."""
         self._stats.bad_frames["value"] += 1
         kind = f"bad value: {reason.partition(':')[0]}: {name}"
         self._log.warn(kind, f"skipped a bad value in {name}: {reason}")

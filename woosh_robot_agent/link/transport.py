@@ -169,8 +169,6 @@ class TcpTransport:
     """A `Transport` over TCP that carries delimited frames: the size as a varint, then the frame.
 
     Args:
-        reader: the connection's stream reader.
-        writer: the connection's stream writer.
         max_size: largest frame that is read, in bytes. For a larger one, `recv` skips the frame and
             raises a FrameError; one of more than 2 GiB ends the connection.
     """
@@ -297,11 +295,7 @@ _MESSAGE_TOO_BIG = 1009
 
 
 class WebSocketTransport:
-    """A `Transport` over WebSocket; `recv` returns text as bytes if the library can do so.
-
-    Args:
-        socket: an open connection.
-    """
+    """A `Transport` over WebSocket; `recv` returns text as bytes if the library can do so."""
 
     def __init__(self, socket: _ClientSocket) -> None:
         self._socket = socket

@@ -226,6 +226,7 @@ class _CommandHandler:
         self._robot.thread.spawn(partial(self._answer, message, reply, published, note), reply.fail)
 
     async def _answer(self, message: Message, reply: Reply, published: float, note: str) -> None:
+        """Send a command, and the client's response; a success has `note` added to its text."""
         address = self._robot.chassis.config.address  # parameters may change it meanwhile
         if isinstance(message, Twist) and may_move(message):
             self._velocities.note_call(self._endpoint.name, reply.sequence_number)

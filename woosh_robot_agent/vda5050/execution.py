@@ -154,7 +154,7 @@ class Execution:
     def _must_wait(self) -> bool:
         """True if the order must not drive yet, because something else moves the robot, or may.
 
-        This is something outside of the vehicle, or what an action has started before a restart.
+        That is something outside of the vehicle, or an action that began before a restart.
         """
         may_move_base = self.calls.moves_base or bool(self.tasks.id)
         return self._is_driven_otherwise or (self.has_leftovers and may_move_base)
@@ -277,8 +277,8 @@ class Execution:
             return
         if not self.active:
             self._link_was_lost = False
-        # after a loss of the link, a new place is put down to an action only if the action surely
-        # moves the base: otherwise people may have moved the robot
+        # after a loss of the link, only an action that surely moves the base explains a new place:
+        # otherwise, people may have moved the robot
         by_action = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
         by_task = self.tasks.confirmed  # the robot executes the task of an action
         self.order.moved(place, by_action=by_action or by_task, confirmed=self.drive.confirmed)

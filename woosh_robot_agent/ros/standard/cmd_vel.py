@@ -87,6 +87,7 @@ class CmdVel(Part):
             self._drive(message.twist, info, taken)
 
     def _drive(self, velocity: Twist, info: Mapping[str, Any], taken: float) -> None:
+        """Pass a velocity to the driver; report several senders, at most once a second."""
         published = self._clock.of_message(info, taken)
         self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z, published)
         now = time.monotonic()

@@ -186,6 +186,7 @@ class Map(Part):
         self._shows_growing = False
 
     async def _publish_growing(self) -> None:
+        """Publish the last report of the map that the robot is making, if there is a new one."""
         epoch, report = self._epoch, self._growing.take()
         if report is None:
             return

@@ -81,10 +81,7 @@ class Controller:
             self._wanted = None
 
     def update(self, paused: bool) -> bool:
-        """Take from a report if the task or action is paused; return True if this is a change.
-
-        A change of `stays_paused` is a change, too.
-        """
+        """Set `paused` and `stays_paused` by a report; return True if one of them has changed."""
         before = (self.paused, self.stays_paused)
         self.paused, self.cancel_accepted = paused, False
         if paused:
