@@ -38,7 +38,7 @@ class TooManyRequestsError(LinkError):
 
 
 class NotPermittedError(LinkError):
-    """The client may not send the request; nothing was sent. See `ChassisClient.permit_only`."""
+    """`ChassisClient.permit_only` excludes the request; nothing was sent."""
 
 
 class SupersededError(LinkError):

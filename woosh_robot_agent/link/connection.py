@@ -172,7 +172,7 @@ class Liveness:
                     quiet = self._measure_silence()
                 if probe.done():
                     probe.result()
-            except RequestTimeoutError:  # of a probe that is a request: the silence decides
+            except RequestTimeoutError:  # a probe that is a request: only the silence decides
                 pass
             finally:
                 await cancel_and_wait(probe)
@@ -244,7 +244,7 @@ class Sending(NamedTuple):
             as one of them.
         within: maximum time for which the request may wait to be sent, in seconds.
         always: True to send it even if `ChassisClient.permit_only` excludes it.
-        tap: callback that gets the answer in order with the pushes; see `ChassisClient.request`.
+        tap: callback that gets the answer in order with the pushes before and after it.
     """
 
     timeout: float | None = None

@@ -394,7 +394,7 @@ class _ClientSocket(ClientSocket):
     frames.
 
     Attributes:
-        progress_at: loop time of the last progress, as in `Transport`.
+        progress_at: loop time at which another `_PROGRESS` bytes had arrived; 0 before that.
         received: number of bytes received so far, including the bytes of an unfinished frame.
         take: function that gets small frames; None if `recv` returns all frames.
         reader_waits: True while `recv` waits.

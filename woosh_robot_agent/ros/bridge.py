@@ -70,7 +70,7 @@ class LoopThread:
 
 
 class _TimedSelector(selectors.DefaultSelector):
-    """A selector that measures the turns of its event loop.
+    """A selector that measures the turns of its event loop: the times between two waits.
 
     Attributes:
         longest: longest turn of this minute, in seconds.

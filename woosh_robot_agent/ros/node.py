@@ -347,7 +347,7 @@ class Agent:
 
 
 def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
-    """Close several agents at once, like `Agent.close`, but without destroying the nodes.
+    """Stop the robots of several agents, abort the goals and close the links; keep the nodes.
 
     Args:
         agents: agents of one executor.

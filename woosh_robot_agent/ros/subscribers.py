@@ -41,6 +41,7 @@ class Subscribers:
         self._thread = thread
         self._publishers: list[Any] = []
         self._has_events = True
+        """False if the middleware does not report subscribers by events."""
         self._changed = asyncio.Event()
         """Set when a subscriber comes or goes."""
         self._present = False
@@ -154,6 +155,7 @@ class _Repetition:
         self._work = work
         self._loop = asyncio.get_running_loop()
         self._due = self._loop.time()
+        """Loop time at which the work is due."""
         self.ended: asyncio.Future[None] = self._loop.create_future()
         self._timer = self._loop.call_soon(self._start)
         self._task: asyncio.Task[None] | None = None

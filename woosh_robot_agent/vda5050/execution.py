@@ -330,7 +330,7 @@ class Execution:
     def action_failed(self, action: Action, reason: str, kind: ErrorType) -> None:
         """Report why an action failed. Call it before `action_changed`, which ends the action."""
         if kind is ErrorType.INTERRUPTED:
-            kind = ErrorType.ACTION  # of the action; the order reports its own error
+            kind = ErrorType.ACTION  # the order itself reports that it is interrupted
             if need_standstill((action,)):
                 self.order.interrupt(action.id, reason)
         self.instant.failed(action, reason, kind)

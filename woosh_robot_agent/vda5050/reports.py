@@ -279,7 +279,7 @@ class Reports:
         if self._mqtt is None or not self._mqtt.connected:
             return
         publication = self._message(topic, content)
-        if topic is Topic.CONNECTION:  # the broker sends it back, see `is_own_connection`
+        if topic is Topic.CONNECTION:  # remembered, because the broker sends it back
             self._own_connections += (self._will.payload, publication.payload)
         self._mqtt.publish(publication)
 

@@ -69,9 +69,9 @@ class OtherConnectorDetector:
     def received(self, payload: bytes, retained: bool) -> None:
         """Handle a message on the topic `connection`.
 
-        ONLINE that this connector did not send shows another one; any other state, that it is gone.
-        A retained message may be old: it shows another connector only after a reconnect, and only
-        until `gone_after` has passed without a further sign.
+        ONLINE that this connector did not send shows another one; any other state that it did not
+        send shows that the other one is gone. A retained message may be old: it shows another
+        connector only after a reconnect, until `gone_after` has passed without a further sign.
         """
         state = _connection_state(payload)
         if state is None or self._is_own(payload):

@@ -9,7 +9,7 @@ from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 
 _TYPE_URL_PREFIX = "type.googleapis.com/"
 _UNREADABLE = (DecodeError, ValueError, RecursionError)
-"""Errors of the parser; RecursionError comes from the one in pure Python, which limits no depth."""
+"""Errors of the parser. The parser in pure Python has no depth limit, and raises RecursionError."""
 _TEXT_FRAME = "a text frame on a protobuf link; check `encoding`"
 
 

@@ -16,7 +16,7 @@ _LOG = logging.getLogger(__name__)
 class Cancellation:
     """Forwards the cancel requests of a goal's client to the chassis, one at a time.
 
-    A request stays pending if the chassis did not answer it, or got it before it began the goal,
+    A request stays pending if it was not answered, or came to the chassis before the goal began,
     because such a request may have no effect. A pending request is sent again at the next call of
     `send_soon`, or at once if the goal has begun by the time of the answer. It may only be sent
     while the goal is running: the cancel request for a task does not name the task, and could hit
@@ -237,10 +237,10 @@ class GiveUp:
         return None
 
     def poll_unknown(self, reason: str, has_report: bool) -> str | None:
-        """Count a poll that found the goal unknown to the chassis, although it had accepted it.
+        """Count a poll that found an accepted goal unknown to the chassis.
 
-        One such poll is no proof: the chassis reports on a goal only some time after it accepted
-        it, and a report may be on its way.
+        One such poll is no proof: the first report on a goal comes some time after its acceptance,
+        and may be on its way.
 
         Args:
             reason: what the chassis said.

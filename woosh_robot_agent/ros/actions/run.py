@@ -317,7 +317,7 @@ class GoalRun:
                 self._link_changed(ready)
             case CancelRequested():
                 self._cancellation.pending = True
-                # otherwise it is sent once the goal is accepted, or with the next report on it
+                # otherwise the cancel is sent with the acceptance, or the next report on the goal
                 if self.phase.accepted and not self._is_displaced:
                     self._cancellation.send_soon()
             case Replaced():
@@ -538,7 +538,7 @@ class GoalRun:
 class OpenGoals(list[GoalRun]):
     """The goals of one action that have not ended, oldest first; all tasks count as one action.
 
-    The chassis executes only one of them at a time.
+    The chassis executes only one of these goals at a time.
     """
 
     def post(self, event: Event) -> None:

@@ -46,7 +46,8 @@ class Goal:
         published: loop time at which the client sent it, as far as that is known.
 
     Attributes:
-        objection: why it cannot be executed, if the server accepts such goals; empty if it can.
+        objection: why the goal cannot be executed, if the server accepts it in spite of that; empty
+            if it can be executed.
         status: state of the goal, a constant of action_msgs/GoalStatus.
     """
 

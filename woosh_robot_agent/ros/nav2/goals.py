@@ -312,8 +312,8 @@ class Nav2Goal:
     def _decided(self, accepted: asyncio.Future[bool]) -> None:
         """Handle that the chassis has accepted a command of this goal, or never will.
 
-        If it was accepted, it has replaced the older navigation. Otherwise, the older navigation
-        must be stopped.
+        An accepted command has replaced the older navigation. Otherwise, the older navigation must
+        be stopped.
         """
         if not accepted.result():
             self._stop_older()

@@ -20,7 +20,7 @@ _MIN_DISTANCE = 0.25
 _MIN_TURN = 0.2
 """Angle after which amcl_pose is published again, in radians; amcl's default."""
 _SILENCE = 1.0
-"""Time without a report after which the robot counts as standing, in seconds. While it moves, it
+"""Time without a report after which the robot counts as standing, in seconds. A moving robot
 reports at 5 Hz."""
 _MAX_WAIT = 3.0
 """Maximum wait until the robot stands, in seconds. Real robots stand 0.9 s after a stop."""

@@ -47,7 +47,7 @@ class ReportTime:
         """Estimated time of the previous report."""
 
     def first(self, received: float) -> float:
-        """Return the time of a report that is not compared with the previous one: its receipt."""
+        """Return the time of receipt as that of a report without a comparable previous one."""
         self._last = received
         return received
 
@@ -79,8 +79,8 @@ HORIZON = 0.3
 _BLEND = 0.15
 """Time over which the error of a prediction is blended out, in seconds."""
 _FIRST_STEP = 0.05
-"""Maximum share of `_BLEND` that is over at the first prediction from a report, in seconds. With
-more, this prediction would jump."""
+"""Maximum part of `_BLEND` that has passed at the first prediction from a report, in seconds. With
+more, that prediction would jump."""
 _LONGEST_PAUSE = 1.5
 """Maximum time between two predictions that must not differ by a jump, in seconds."""
 _MIN_REPORT_INTERVAL = 0.01
@@ -249,7 +249,7 @@ def _slowed(speed: float, acceleration: float, seconds: float) -> float:
 
 
 def _mean(speed: float, acceleration: float, seconds: float) -> float:
-    """Return the mean speed during some time, as `_slowed` changes it."""
+    """Return the mean speed during some time; a robot that slows down may stop meanwhile."""
     if speed * acceleration >= 0.0:
         return speed
     moving = min(seconds, -speed / acceleration)

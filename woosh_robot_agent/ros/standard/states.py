@@ -175,7 +175,7 @@ class _ValuePart(Part):
             _LOG.debug("cannot request the first %s: %s", self._proto_class.DESCRIPTOR.name, error)
 
     def _answered(self, answer: Answer) -> None:
-        """Publish the first value; called in order with the pushes, so it replaces no newer one."""
+        """Publish the first value, in order with the pushes, so that it replaces no newer value."""
         if answer.ok and isinstance(answer.body, self._proto_class):
             self._publish_converted(self._convert_or_error(answer.body))
 

@@ -179,8 +179,8 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
         version: version that the map must have; None for any version.
 
     Raises:
-        ActionFailedError: there is no such map or several, the robot drives along an order, or it
-            refused the map or does not report that it uses it.
+        ActionFailedError: there is no such map or several, or the robot drives along an order,
+            refuses the map, or does not report it as the current one.
         LinkError: the robot could not be reached.
     """
     execution = run.execution

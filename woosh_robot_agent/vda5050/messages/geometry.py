@@ -16,7 +16,7 @@ Point: TypeAlias = tuple[float, float]
 
 
 def nearest_on_line(point: Point, start: Point, end: Point) -> Point:
-    """Return the point of the straight line from `start` to `end` that is nearest to a point."""
+    """Return the point of the straight line from `start` to `end` that is nearest to `point`."""
     along = (end[0] - start[0], end[1] - start[1])
     squared_length = along[0] ** 2 + along[1] ** 2
     if not squared_length:

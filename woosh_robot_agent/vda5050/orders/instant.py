@@ -36,8 +36,8 @@ _MAX_ERRORS = 20
 """Maximum number of errors of actions; the oldest ones are forgotten."""
 
 _HOLD_PREFIX = "action "
-"""Beginning of the name of a hold (reason for which the order must not drive) that is there for an
-instant action; the id of the action follows."""
+"""Beginning of the name of a hold (reason for which the order must not drive) of an instant action;
+the id of the action follows."""
 
 _TOO_MANY = Sentence("more than {most} instant actions run")
 _RUNS = Sentence("the {action} with this id has not ended")
@@ -54,7 +54,7 @@ class InstantActions:
 
     Args:
         types: the actions that the vehicle can perform.
-        order: the current order; it does not drive while an instant action forbids it.
+        order: the current order, which must not drive while an instant action forbids driving.
 
     Attributes:
         commands: commands that start actions; `Execution` takes them.
@@ -72,8 +72,8 @@ class InstantActions:
         """Ids of the last instant actions, the oldest first; a dict serves as an ordered set."""
         self.commands: list[Perform] = []
         self._pause_again: dict[str, Action] = {}
-        """startPause actions, by id, that a master control has sent once more while the one with
-        this id was running. They are received again when that one has ended."""
+        """Repeated startPause actions, by id: they came while a startPause with the same id was
+        running, and are received again when that one has ended."""
         self.last_motion = ""
         self.errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
 

@@ -236,8 +236,8 @@ mark."""
 def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
     """Return an order with `Node.mark` set at the nodes to which the robot drives by a mark.
 
-    These nodes have the number of a mark as id. A node without a position gets that of its mark. A
-    node with a position must be at its mark, and have an action that forbids driving, e.g. `pick`.
+    The id of such a node is the number of the mark. The node has no position, and gets that of the
+    mark; or it is at the mark, and has an action that forbids driving, e.g. `pick`.
 
     Args:
         order: the order as it was received.

@@ -361,7 +361,7 @@ class RobotCalls:
     def _link_changed(self, state: LinkState) -> None:
         for call in self._calls.values():
             if state is not LinkState.READY:
-                call.accepted |= call.reported  # the robot has executed it, so it had accepted it
+                call.accepted |= call.reported  # what the robot executes, it has accepted
                 call.reported = False  # is about the current link only
             call.controller.send_now()
 

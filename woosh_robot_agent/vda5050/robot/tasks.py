@@ -110,7 +110,7 @@ _ASK_EVERY = 1.0
 _CHECK_EVERY = 5.0
 """Time after which the robot is asked about a task, in case a report was lost, in seconds."""
 _LEAVES_WITHIN = 3.0
-"""Maximum time from the end of a task until the robot reports that it has left it, in seconds."""
+"""Maximum time from the end of a task to the report that the robot has left it, in seconds."""
 _THE_TASK = Sentence("the task")
 _RESTARTED = Sentence("the connector was restarted before it sent the task")
 _OTHER_ACTION = Sentence("the robot executes the task of another action")
