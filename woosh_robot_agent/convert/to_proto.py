@@ -69,10 +69,7 @@ def _set_proto(
     """Write source that copies a field of a ROS message to the protobuf message `p`.
 
     Args:
-        source: the function.
         origin: name of the variable that holds the ROS message in the generated function.
-        name: name of the field.
-        ros_type: ROS type of the field.
         field: protobuf descriptor of the field.
         indent: indentation inside of the function.
         path: path of the field for errors; by default its name.

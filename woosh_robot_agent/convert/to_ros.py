@@ -134,7 +134,6 @@ class MessageSource:
     Args:
         source: the function to which the code is added.
         variable: variable of the function that holds the message.
-        ros_class: class of the message.
     """
 
     def __init__(self, source: FunctionSource, variable: str, ros_class: Any) -> None:

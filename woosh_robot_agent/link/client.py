@@ -47,9 +47,6 @@ class ChassisClient:
         config: configuration of the link; None takes the defaults.
         minimum_timeouts: minimum timeouts of slow requests, in seconds, by protobuf full name; used
             instead of a shorter `request_timeout` of the configuration.
-
-    Attributes:
-        stats: counters of the link.
     """
 
     def __init__(
@@ -197,7 +194,6 @@ class ChassisClient:
         the chassis does not answer.
 
         Args:
-            message: the request.
             timeout: time to wait for the answer, in seconds; by default the configured
                 `request_timeout`, or the minimum timeout of the request if that is longer.
             first: True to send it ahead of all other waiting requests, and even if `max_in_flight`
@@ -233,12 +229,9 @@ class ChassisClient:
     def reserve(
         self, which: Callable[[Message], bool]
     ) -> Callable[[Message, Sending], Coroutine[Any, Any, Answer]]:
-        """Let only the caller send some requests, so that nothing bypasses its rules for them.
+        """Let only the caller send the requests that `which` selects: nothing bypasses its rules.
 
         From now on, `request` and `send` raise a RuntimeError for these requests.
-
-        Args:
-            which: selects the requests.
 
         Returns:
             A function that sends requests as `send` does, these included.
@@ -285,12 +278,11 @@ class ChassisClient:
             raise NotPermittedError(NAMED_NOT_SENT(name=full_name(message), reason=reason))
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
-        """Withdraw requests that wait to be sent; those that were sent are not affected.
+        """Withdraw those requests that wait to be sent, and that `which` selects.
 
         The caller of a withdrawn request gets a SupersededError.
 
         Args:
-            which: selects the requests.
             reason: the text of the error, after "not sent: ".
         """
         if self._connection is not None:
@@ -337,7 +329,6 @@ class ChassisClient:
         after it do not get that push.
 
         Args:
-            cls: class of the pushes.
             callback: called with what `prepare` returns; must not block.
             prepare: converts the `Body` of a push for the callback; by default it stays as it is.
                 A large push is converted in another thread, so that it does not hold up the event
@@ -375,7 +366,6 @@ class ChassisClient:
         The first one of each class and kind on a link is logged. Call it in the event loop.
 
         Args:
-            cls: class of the message.
             reason: the defect, e.g. `x is not finite: inf`; what precedes its first colon is the
                 kind.
         """

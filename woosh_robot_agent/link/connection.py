@@ -309,9 +309,7 @@ class Connection:
 
     Args:
         transport: an open transport; the connection closes it.
-        codec: encoding of all frames.
         config: timeouts and limits.
-        record: counters and logs.
         on_push: called with each push, and with True if the push arrived alone: no other frame was
             waiting to be read. Must not block.
 
@@ -627,7 +625,6 @@ class Connection:
         """Pass on a valid frame: an answer to its request, a push to `on_push`.
 
         Args:
-            envelope: the frame.
             alone: True if it is known that no other frame was waiting to be read.
         """
         self._stats.rx += 1
@@ -663,7 +660,6 @@ class Connection:
         acquired is released.
 
         Args:
-            data: the frame.
             newer: the entry of this frame in `_newer`: the types of the pushes read after it.
         """
         try:

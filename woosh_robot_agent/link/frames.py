@@ -130,8 +130,6 @@ class Body:
     """The body of one frame, decoded on demand.
 
     Args:
-        codec: decodes the body.
-        envelope: the frame.
         on_bad: called once if the body does not fit its type; not for an unknown type.
 
     Attributes:

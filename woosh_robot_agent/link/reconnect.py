@@ -94,7 +94,6 @@ class LinkStatus:
     """The current state of the link, with its callbacks and waiters.
 
     Attributes:
-        state: current state.
         since: Unix time at which the link last became ready or was lost, in seconds; before that,
             the time of creation.
         last_error: error that ended the last attempt or the last link; None if the link is ready,
@@ -227,7 +226,6 @@ async def handshake(
     """Renew the subscriptions, request RobotInfo, and check that the expected robot answers.
 
     Args:
-        connection: a new connection.
         subscriptions: the subscriptions to renew; gets the RobotInfo.
         config: timeout, and id of the robot.
         log: gets a warning about a RobotInfo that cannot be read.
@@ -324,10 +322,8 @@ class ReconnectLoop:
     Args:
         status: updated with the state of the link.
         subscriptions: renewed on each connection; gets the pushes.
-        record: counters and logs.
 
     Attributes:
-        config: current configuration.
         connection: the connection, from the handshake to its end; None if there is none.
     """
 

@@ -25,11 +25,7 @@ def system_text(error: OSError) -> str:
 
 
 class RecentDict(OrderedDict[K, V]):
-    """A dictionary that holds only the entries that were set last, the oldest first.
-
-    Args:
-        limit: maximum number of entries.
-    """
+    """A dictionary that holds only the entries that were set last, the oldest first."""
 
     def __init__(self, limit: int) -> None:
         super().__init__()
@@ -166,7 +162,6 @@ class DropLog:
     """Logs the first of drops that follow each other closely; totals are in counters.
 
     Args:
-        logger: gets the drops, at WARNING.
         quiet: time without a drop of the same kind after which the next is logged, in seconds.
     """
 

@@ -224,8 +224,6 @@ async def serve_tcp(handler: Handler, host: str, port: int, *, max_size: int) ->
     """Listen for TCP clients.
 
     Args:
-        handler: serves one connection.
-        host: the address to listen on.
         port: the port to listen on; 0 takes a free port.
         max_size: largest frame that is read, in bytes.
 
@@ -266,9 +264,6 @@ class HttpConnection(asyncio.Protocol):
     1. A client that does not complete a request or a handshake in time is dropped.
     2. A WebSocket is closed as soon as more bytes have arrived than the largest message may have.
        aiohttp would receive all of the message first.
-
-    Args:
-        inner: the protocol of aiohttp.
 
     Attributes:
         transport: the socket.
@@ -445,8 +440,6 @@ async def serve_websocket(
     """Listen for WebSocket clients, and for HTTP requests on the same port.
 
     Args:
-        handler: serves one WebSocket.
-        host: the address to listen on.
         port: the port to listen on; 0 takes a free port.
         max_size: largest frame that is read, in bytes.
         before_handshake: awaited before a client's handshake is answered, e.g. to delay it.

@@ -144,7 +144,6 @@ class Subscriptions:
 
     Args:
         depth: maximum number of queued pushes for each of `EVENT_PUSHES`.
-        record: counters and logs.
     """
 
     def __init__(self, depth: int, record: LinkRecord) -> None:
@@ -237,8 +236,6 @@ class Subscriptions:
         """Deliver or queue a push if it has a consumer.
 
         Args:
-            codec: codec of the connection.
-            envelope: the push.
             alone: True if no other frame was waiting to be read. Then the push is delivered at
                 once if nothing is queued, which saves a turn of the event loop. Pushes that arrive
                 together are queued, so that the oldest can be dropped.

@@ -141,7 +141,6 @@ class Connect(_connect):
     """`websockets.connect` that follows no redirects and uses no proxy.
 
     Args:
-        uri: address of the server.
         factory: makes the client's socket object.
         **options: other options of `websockets.connect`.
     """

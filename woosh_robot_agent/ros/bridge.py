@@ -215,7 +215,6 @@ class Reply:
     """The reply to one service call; it is sent exactly once, from any thread.
 
     Args:
-        response_class: ROS class of the response.
         send: sends a response to the client that a header identifies.
         header: identifies the client and its call.
     """

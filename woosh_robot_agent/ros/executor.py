@@ -282,7 +282,6 @@ class _IdleThread:
     """The thread that waits for idle entities. It is started for the first idle entity.
 
     Args:
-        context: rclpy's context.
         lock: the executor's lock. Hold it when you call `watch`, `wake` or `take_reported`.
         executor_guard: triggered when entities have been reported.
 

@@ -107,7 +107,6 @@ def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list
     """Create a node for each robot, which has only its parameters at first.
 
     Args:
-        options: rclpy's options of the nodes.
         stopping: returns True once the program has to end. From then on, no node is created,
             except the first one.
 

@@ -64,7 +64,6 @@ def values_of(context: Any, file: str, *names: str) -> dict[str, str]:
     """Return the values of the arguments of a launch file, by name.
 
     Args:
-        context: launch's context.
         file: path of the launch file.
         names: all arguments that the launch file declares.
 

@@ -45,7 +45,6 @@ def set_closing(logger: Any, *, closing: bool) -> None:
     """Log a node's warnings at INFO while the node closes, because a lost link is expected then.
 
     Args:
-        logger: logger of the node.
         closing: True when the node begins to close, False when it is closed.
     """
     if closing:

@@ -108,7 +108,6 @@ def count_services(node: Any, name: str) -> int:
     Humble cannot count them, so each node is asked for its services.
 
     Args:
-        node: any node.
         name: absolute name of the service.
     """
     if hasattr(node, "count_services"):

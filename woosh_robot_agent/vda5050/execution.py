@@ -81,7 +81,6 @@ class Execution:
     """Executes the order and the instant actions. Used in the event loop of the link.
 
     Attributes:
-        types: the actions of the vehicle.
         drive: executes the task that drives the current leg (part of an order without a stop).
         speed: the speed limit of the drive.
         calls: executes the robot's own actions.

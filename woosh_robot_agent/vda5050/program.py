@@ -35,7 +35,6 @@ class Connector:
 
     Args:
         vehicles: configuration of each vehicle, by its name in the log.
-        broker: the broker of all vehicles.
     """
 
     def __init__(self, vehicles: Mapping[str, VehicleConfig], broker: BrokerConfig) -> None:

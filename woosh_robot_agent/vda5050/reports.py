@@ -80,7 +80,6 @@ class Schedule:
     """Calls a function soon after each change, and regularly without changes.
 
     Args:
-        send: the function.
         shortest: minimum time from a call to the next one after a change, in seconds.
         longest: time from a call to the next one without a change, in seconds; infinite for none.
     """
@@ -136,8 +135,6 @@ class Reports:
     """Adds headers to the messages of a vehicle, and publishes them while the broker is connected.
 
     Args:
-        version: version of the standard.
-        limits: intervals of the messages.
         state: returns the state of the vehicle; None while it is unknown.
         robot: returns the state of the robot; None while it is unknown.
         factsheet: returns the factsheet; None while it is unknown.
@@ -183,9 +180,7 @@ class Reports:
         """Set the topics and the headers. Call it before `topic` and `use`.
 
         Args:
-            identity: manufacturer and serial number.
             interface: first level of the topics.
-            header_ids: header ids of the messages.
         """
         self._identity = identity
         self._header_ids = header_ids

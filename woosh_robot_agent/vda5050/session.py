@@ -136,14 +136,11 @@ class VehicleConfig:
     """Configuration of a vehicle.
 
     Attributes:
-        link: address of the robot, and options of the link to it.
         manufacturer: manufacturer in the topics.
         serial_number: serial number in the topics; empty for the one that the robot reports.
         interface: first level of the topics; a text with slashes gives several levels.
-        limits: intervals and content of the messages.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
         state_folder: folder of the state file; None to keep nothing over a restart.
-        timing: intervals and timeouts of requests to the robot.
         gone_after: time without a sign of a second connector after which it counts as gone, in
             seconds.
     """

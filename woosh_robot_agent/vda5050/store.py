@@ -50,8 +50,6 @@ class Record:
             stop); 0 without such a task.
         action_task_id: id of the robot's task that an action waits for; 0 without one.
         calls: full names of the commands of the robot's own actions that it executes.
-        order: state of the order.
-        instant_actions: states of the instant actions.
         known_ids: ids of the last instant actions.
         last_motion: id of the last instant action that moves something; empty if there was none
             since the start of the program. It is not used after a restart. A change of it makes

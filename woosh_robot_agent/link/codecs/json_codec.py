@@ -321,7 +321,6 @@ def to_json(message: Message, *, defaults: bool) -> dict[str, Any]:
     Names are in lowerCamelCase, enums are numbers, 64-bit integers are strings.
 
     Args:
-        message: any message.
         defaults: True to include scalars and lists that have their default value, as the chassis
             does.
 

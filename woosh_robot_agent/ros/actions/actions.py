@@ -51,7 +51,6 @@ class AgentGoal:
 
     Attributes:
         accepted: future; True once the chassis has accepted the goal, False if it never will.
-        ended: future of the end.
     """
 
     accepted: asyncio.Future[bool]  # set by `Actions.start`, because it belongs to the goal's run
@@ -82,9 +81,7 @@ class _RosClient:
     """The client of a goal of an action server: wraps reports in the messages of the action.
 
     Args:
-        action_class: ROS class of the action.
         convert: converts reports to the type of the fields `fb` and `ret`.
-        goal: the goal, as the action server holds it.
     """
 
     def __init__(self, action_class: Any, convert: Converter, goal: Goal) -> None:
@@ -122,7 +119,6 @@ class Actions:
         result_timeout: time for which results are kept, in seconds.
 
     Attributes:
-        servers: the action servers.
         timing: timing of the goals that start from now on, except for `link_timeout`.
     """
 

@@ -52,7 +52,6 @@ class CallActionGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: objects shared by the goals of the action.
         member: field of CallAction that holds the command.
         action: protobuf full name of the command, under which the chassis reports on it.
         last_feedback: the last feedback on each action, by the full name of the action's command.

@@ -24,10 +24,7 @@ class Cancellation:
 
     Args:
         name: name of the goal, for the log.
-        send: sends the cancel request to the chassis.
         is_replaced: waits until it is known if a newer goal replaced this one; returns True if so.
-        on_accepted: called when the chassis has accepted the cancel.
-        on_refused: called when the chassis has refused it.
         has_begun: returns True if the chassis has reported on the goal.
     """
 
@@ -114,7 +111,6 @@ class GiveUp:
       ignored while a deadline is set.
 
     Args:
-        timing: timeouts and numbers of polls.
         clock: returns the time in seconds.
     """
 

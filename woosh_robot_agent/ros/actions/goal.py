@@ -207,7 +207,6 @@ class Attribution:
 
         Args:
             outcome: reported outcome; None if the goal is still running.
-            phase: phase of this goal.
             cancel_requested: True if the client of this goal asked to cancel it.
         """
         if outcome is None:
@@ -231,9 +230,7 @@ class Attribution:
         Call this once for each report of a poll.
 
         Args:
-            report: the report.
             outcome: reported outcome; None if the goal is still running.
-            phase: phase of this goal.
         """
         if self.has_report or outcome is None or not self._repeats_ends:
             return True
@@ -269,7 +266,7 @@ class Attribution:
         return True
 
     def _attribute_end(self, outcome: Outcome, phase: Phase, cancel_requested: bool) -> bool:
-        """Decide on a report that the goal has ended."""
+        """Decide on a report of an end, which may be that of an earlier goal of the same name."""
         inherited, has_predecessor = self._inherited, self._predecessors > 0
         # after this end, no other end of an earlier goal is expected
         if phase.answered or self._predecessors < 2:
@@ -278,7 +275,7 @@ class Attribution:
         else:  # each earlier goal reports its own end
             self._predecessors -= 1
         if phase.accepted and outcome is Outcome.CANCELED and cancel_requested:
-            # before this goal has begun, its cancel may have had no effect
+            # until this goal has begun, its cancel may have no effect: then an earlier goal ended
             return self.has_report or not has_predecessor
         if phase is Phase.RUNNING:
             return outcome not in inherited

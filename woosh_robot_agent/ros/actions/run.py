@@ -95,8 +95,6 @@ class GoalRun:
 
     Args:
         client: gets the reports and the end.
-        kind: the part of this goal that depends on its kind.
-        context: objects shared by the goals of one action.
     """
 
     def __init__(self, client: GoalClient, kind: GoalKind, context: GoalContext) -> None:

@@ -40,7 +40,6 @@ class Goal:
     """A goal of an action server. Use it in the link thread.
 
     Args:
-        server: the server that got it.
         info: id, and time of the arrival.
         request: the goal as the client gave it.
         published: loop time at which the client sent it, as far as that is known.

@@ -40,7 +40,6 @@ async def poll_tasks(
     """Request the current task, and also the ended tasks if the current one is not of the goal.
 
     Args:
-        context: objects shared by the goals of the action.
         on_result: called once with the result, in order with the pushes.
         is_of_goal: returns True if the current task is of the goal. It may be called twice.
         read_current: reads the report on the current task, which is of the goal.
@@ -87,8 +86,6 @@ class TaskSetGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: objects shared by the goals of the action.
-        last_known: last values that the chassis reported.
     """
 
     request_type = full_name(ExecPreTask)
@@ -207,9 +204,7 @@ class TaskGoal:
 
     Args:
         arg: the command, as the client gave it.
-        context: objects shared by the goals of the action.
         unused_ids: yields an id for a task that has none.
-        last_known: last values that the chassis reported.
         last_reports: last report on each of the latest tasks, by task id. The last known TaskProc
             is not enough: after the end of a task, the chassis sends an empty TaskProc.
     """

@@ -85,9 +85,6 @@ class CancelLog:
     """Remembers what last cancelled a task or an action, other than the client of its goal.
 
     Used in the link thread.
-
-    Args:
-        gate: the gate through which the agent sends cancels.
     """
 
     def __init__(self, gate: MotionGate) -> None:
@@ -132,7 +129,6 @@ class FailedCommand(GoalEnd):
     """The chassis refused or failed to execute a command.
 
     Args:
-        end: end of the command.
         canceller: what has cancelled it; empty if it was not cancelled.
 
     Attributes:
@@ -335,7 +331,6 @@ class Nav2Goal:
         """Wait until a future is done.
 
         Args:
-            future: the future.
             tick: called ten times a second, to publish feedback.
 
         Raises:
@@ -479,13 +474,7 @@ class Nav2Context:
 
 
 class Nav2Action(ABC):
-    """One of Nav2's actions. Its goals run in the link thread.
-
-    Attributes:
-        context: the objects that Nav2's actions share.
-        action_type: ROS type of the action.
-        server: the action server.
-    """
+    """One of Nav2's actions. Its goals run in the link thread."""
 
     name: str
     """Name of the action."""

@@ -78,7 +78,6 @@ class Progress:
     robot drives: they compare its present pose with the poses and the path.
 
     Args:
-        context: the objects that Nav2's actions share.
         stops: the poses to pass, at least one, in the frame of the map; the last one is the goal.
     """
 
@@ -295,7 +294,6 @@ def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> l
     """Return the states of the poses of a goal as WaypointStatus, which exists since Kilted.
 
     Args:
-        poses: the poses of the goal.
         passed: number of poses that the robot has passed.
         failure: why the robot does not reach the other poses; empty while it may reach them.
     """
@@ -406,7 +404,6 @@ class SpeedLimit:
     aborted.
 
     Args:
-        context: the context of the standard layer.
         driving: holds the goal that moves the robot.
     """
 

@@ -135,8 +135,6 @@ class Prediction:
         """Start a new prediction.
 
         Args:
-            pose: reported pose.
-            velocity: reported velocity.
             time: time of the pose and the velocity; may be before the last predicted time.
         """
         self._before, self._interval = self._velocity, time - self._time

@@ -101,7 +101,6 @@ class Scan(Part):
         """Set the values of a scan in `_reused`, and return it.
 
         Args:
-            data: the scan.
             stamp: time of the scan, in nanoseconds.
 
         Raises:

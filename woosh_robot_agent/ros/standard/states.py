@@ -106,7 +106,6 @@ class _ValuePart(Part):
     and counted.
 
     Args:
-        proto_class: protobuf class of the value.
         convert: converts the value into a ROS message, or into a serialized one; raises ValueError
             if that is not possible. A large push is converted in another thread.
         rate: rate at which the last value is repeated with a new stamp while there are

@@ -174,8 +174,6 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     """Let the robot use a map, unless it already uses this map.
 
     Args:
-        run: the action.
-        name: name of the map.
         version: version that the map must have; None for any version.
 
     Raises:

@@ -47,7 +47,6 @@ class Run:
     Attributes:
         report: call it with each change of the status between the start and the end of the action.
         execution: the order of the vehicle, and the state of the robot.
-        reports: messages of the vehicle.
         log_folder: folder for the files of logReport; None if the vehicle does not have the action.
     """
 
@@ -182,7 +181,6 @@ class VehicleAction:
 
     Attributes:
         type: name, scopes and parameters, for the factsheet and for the check of orders.
-        perform: performs the action.
         version: major number of the only version of the standard that has the action, e.g. `3`;
             empty if all versions have it.
     """

@@ -171,7 +171,6 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
     """Move the lift where the robot stands, or by a carry task if the action names a mark.
 
     Args:
-        run: the action.
         lift: request that moves the lift where the robot stands.
         direction: direction of the carry task at the mark; kFeeding: load, kCutting: unload.
 

@@ -28,7 +28,6 @@ class Objection:
     """A reason why the vehicle cannot perform an action.
 
     Attributes:
-        reason: the reason, for people.
         parameter: key of the unknown, wrong or missing parameter; empty for another reason.
     """
 
@@ -120,7 +119,6 @@ class ActionType:
     Attributes:
         name: name of the action, e.g. `pick`.
         scopes: where the action may be requested.
-        description: what the action does.
         result: meaning of the result; empty for an action without a result.
         blocking: blocking types that the action may have on nodes and edges.
         pausable: True if the action moves something, so that it is paused with the vehicle.

@@ -52,9 +52,7 @@ class Action:
 
     Attributes:
         type: name of the action, e.g. `pick`.
-        blocking: what else is permitted while the action runs.
         parameters: values by key.
-        description: further information; may be empty.
     """
 
     id: str
@@ -117,7 +115,6 @@ class Node:
         sequence_id: position among the nodes and edges of the order.
         released: True if the node belongs to the base, False if to the horizon.
         position: position; None if neither the order nor a mark gives it.
-        description: further information; may be empty.
         mark: number of the mark by which the robot drives to the node; empty if it drives to the
             position.
     """
@@ -163,7 +160,6 @@ class Edge:
         released: True if the edge belongs to the base, False if to the horizon.
         max_speed: maximum speed on the edge, in m/s; None without a limit.
         trajectory: curve to drive along; None if the robot plans its path.
-        description: further information; may be empty.
         unsupported: names of the fields of the edge in the message that the robot cannot obey.
     """
 

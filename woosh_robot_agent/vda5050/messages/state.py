@@ -113,7 +113,6 @@ class ActionFailedError(Exception):
     """An action failed. The text is the reason.
 
     Args:
-        reason: the reason.
         kind: type of the error in the state that reports the failure.
     """
 
@@ -303,7 +302,6 @@ class RobotStatus:
         loaded: True if the robot carries a load; None if it does not detect loads.
         maps: maps on the robot; None if unknown.
         blocked: True while an obstacle is in the way of the robot.
-        errors: errors that the robot reports.
         path: points of the path that the robot follows, in the map frame, in metres; empty without
             a path.
     """

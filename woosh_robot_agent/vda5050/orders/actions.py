@@ -16,7 +16,6 @@ def count_startable(waiting: Iterable[Action], running: Iterable[Action], *, dri
     Args:
         waiting: triggered actions, in the order in which they must start.
         running: actions that run, all of them started by this rule.
-        driving: True if the vehicle drives.
     """
     # it is enough to look at one: an action that excludes others runs alone
     other = next(iter(running), None)
@@ -36,7 +35,6 @@ class ActionsMemory:
     """State of the actions of an order that must survive a restart of the program.
 
     Attributes:
-        states: states of all actions of the order.
         triggered: triggered actions that have not started.
         running: actions with a `Perform` command that have not ended; WAITING ones have not begun.
         of_edge: actions of the edge on which the vehicle drives.
@@ -151,11 +149,7 @@ class OrderActions:
         self._edge_actions = ()
 
     def start(self, *, driving: bool) -> None:
-        """Start the actions that may start now.
-
-        Args:
-            driving: True if the vehicle drives.
-        """
+        """Start the actions that may start now."""
         count = count_startable(self.triggered, self.running.values(), driving=driving)
         started, self.triggered = self.triggered[:count], self.triggered[count:]
         for action in started:

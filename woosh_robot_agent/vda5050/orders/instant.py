@@ -53,7 +53,6 @@ class InstantActions:
     Actions stay in the state until `forget_ended`, or until there are too many.
 
     Args:
-        types: the actions that the vehicle can perform.
         order: the current order, which must not drive while an instant action forbids driving.
 
     Attributes:
@@ -142,7 +141,6 @@ class InstantActions:
 
         Args:
             states: the saved states; the changes of the last seconds may be missing.
-            known_ids: ids of the last instant actions.
             holds: names of the holds that kept the vehicle from driving.
 
         Returns:

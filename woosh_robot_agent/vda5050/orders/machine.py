@@ -218,7 +218,6 @@ class OrderMachine:
         """Take an order or an update, and return its kind.
 
         Args:
-            order: the order or update.
             check: called with an order that is not known yet; raises a RejectedError if the vehicle
                 cannot perform it.
 
@@ -348,7 +347,6 @@ class OrderMachine:
         """Return the commands that follow from the events so far.
 
         Args:
-            may_drive: True if the vehicle may start to drive.
             may_empty: True if a cancelled order that has ended may be emptied.
         """
         if self.canceling:
@@ -422,7 +420,6 @@ class OrderMachine:
         """Stop the order: an action that forbids driving may still run, or be half done.
 
         Args:
-            action_id: id of the action.
             reason: why the outcome of the action is unknown.
         """
         if self.busy and self.error is None:

@@ -133,10 +133,8 @@ def classify(
     """Check an order, and return its kind. A new order also needs `check_start`.
 
     Args:
-        order: the received order or update.
         current: the last order or update that the vehicle took; None before the first order.
         busy: True if the vehicle executes the current order, or waits for an update of it.
-        cancelled: True if the current order was cancelled.
         decision_point: last node of the current base, or the last reached node if no base is left.
 
     Raises:
@@ -240,9 +238,7 @@ def with_marks(order: Order, map_id: str, find: FindMark) -> Order:
     mark; or it is at the mark, and has an action that forbids driving, e.g. `pick`.
 
     Args:
-        order: the order as it was received.
         map_id: id of the map for nodes without a position.
-        find: returns the position of a mark.
     """
 
     def with_mark(node: Node) -> Node:

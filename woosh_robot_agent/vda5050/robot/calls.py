@@ -321,7 +321,7 @@ class RobotCalls:
             call.end(WITH_TEXT(reason=reason, text=report.msg) if report.msg else reason)
 
     def _update_paused(self, call: _Call, *, paused: bool) -> None:
-        """Take from a report if an action is paused, and report a change."""
+        """Update the controller from a report; report a change between paused and running."""
         was_paused = call.controller.paused
         if call.controller.update(paused):
             if paused != was_paused:

@@ -28,9 +28,7 @@ class Controller:
     for a link, and reaches the robot at most once. After a cancellation, no other command is sent.
 
     Args:
-        link: the link to the robot.
         name: name of the task or the action, for the log.
-        send: sends a command.
         answered: called with each command and its answer; with None if no answer came, e.g.
             because the command could not be sent.
         may_send: returns False while the robot would apply the commands to another task or action.

@@ -32,7 +32,6 @@ class Background:
         """Start a task, and return it; the task with the same key is cancelled.
 
         Args:
-            work: the coroutine.
             key: key of the task; None for a task that runs beside all others.
         """
         key = object() if key is None else key
@@ -115,8 +114,6 @@ class RobotLink:
     """The link to the robot. Used in one asyncio event loop.
 
     Args:
-        config: address of the robot.
-        timing: how long to wait for the robot.
         on_changed, on_moved, save: the functions of the attributes `changed`, `moved` and `save`.
 
     Attributes:

@@ -44,7 +44,6 @@ def leg_task(leg: Leg, position: Position | None) -> ExecTask:
     """Return the task that drives a leg (part of an order without a stop), without its id.
 
     Args:
-        leg: the leg.
         position: position of the robot, from which the heading at a node without `theta` follows;
             None if unknown.
     """
@@ -138,7 +137,6 @@ class TaskRunner:
     asked from time to time, because it may drop a task without a report.
 
     Args:
-        link: the link to the robot.
         on_end: called when the task has ended, with the reason of a failure; empty after a success.
         on_pause_changed: called when the robot has paused or resumed the task.
 
