@@ -229,7 +229,7 @@ class ChassisClient:
     def reserve(
         self, which: Callable[[Message], bool]
     ) -> Callable[[Message, Sending], Coroutine[Any, Any, Answer]]:
-        """Let only the caller send the requests that `which` selects: nothing bypasses its rules.
+        """Let only the caller send the requests that `which` selects, e.g. to enforce its rules.
 
         From now on, `request` and `send` raise a RuntimeError for these requests.
 
@@ -278,7 +278,7 @@ class ChassisClient:
             raise NotPermittedError(NAMED_NOT_SENT(name=full_name(message), reason=reason))
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
-        """Withdraw those requests that wait to be sent, and that `which` selects.
+        """Withdraw the requests that `which` selects, as far as they still wait to be sent.
 
         The caller of a withdrawn request gets a SupersededError.
 

@@ -178,10 +178,10 @@ class Store:
         self._save(replace(self._next, header_ids=self._record.header_ids))
 
     def _can_wait(self, record: Record) -> bool:
-        """Return True if a record differs from the saved one only in progress.
+        """Return True if a record differs from the saved one only in progress, and that was saved.
 
         Progress is which nodes and edges are left, and the states and ids of instant actions. If
-        the last of it is lost, nothing that moves is repeated.
+        the latest progress is lost, nothing that moves is repeated.
         """
         saved = self._record
         order_with_saved_progress = replace(

@@ -421,6 +421,7 @@ class SpeedLimit:
         context.subscribe("speed_limit", self._received)
 
     def _received(self, message: Any) -> None:
+        """Set a limit in m/s, or in percent of `cmd_vel_max_linear`; 0 stands for no limit."""
         value = message.speed_limit
         if not 0.0 <= value < math.inf:
             self._log.warn("value", f"speed_limit is ignored, because it is {value:g}")
@@ -435,7 +436,7 @@ class SpeedLimit:
             self._log.warn("value", text)
             return
         self._log.clear()
-        self._limiter.limit(limit or math.inf)  # 0 stands for no limit
+        self._limiter.limit(limit or math.inf)
 
     def _refused(self, reason: str) -> None:
         advice = "publish a higher one on speed_limit, or 0 for none"
