@@ -17,7 +17,7 @@ def count_startable(waiting: Iterable[Action], running: Iterable[Action], *, dri
         waiting: triggered actions, in the order in which they must start.
         running: actions that run, all of them started by this rule.
     """
-    # it is enough to look at one: an action that excludes others runs alone
+    # it is enough to look at one running action: if one excludes others, it runs alone
     other = next(iter(running), None)
     count = 0
     for action in waiting:
