@@ -25,7 +25,7 @@ from tests.vda5050.master import (
 )
 from tests.vda5050.programs import running_connector
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
-from woosh_robot_agent.vda5050.messages.geometry import path_ahead
+from woosh_robot_agent.vda5050.messages.geometry import curve_defect, path_ahead
 from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order
 from woosh_robot_agent.vda5050.messages.reading import defect, read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.messages.state import (
@@ -199,6 +199,14 @@ def test_an_edge_has_a_speed_and_a_trajectory_with_defaults() -> None:
     trajectory = _read(_order(edge={"trajectory": three})).edges[0].trajectory
     assert trajectory is not None
     assert trajectory.knots == (0.0, 0.0, 0.5, 1.0, 1.0)
+
+
+def test_a_huge_degree_without_knots_is_refused() -> None:
+    points = [{"x": 0.0, "y": 0.0}, {"x": 1.0, "y": 0.0}]
+    huge = {"degree": 2**53, "controlPoints": points}
+    trajectory = _read(_order(edge={"trajectory": huge})).edges[0].trajectory
+    assert trajectory is not None
+    assert "its degree is above 5" in curve_defect(trajectory)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from jsonschema.protocols import Validator
 
 from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.vda5050.messages.order import (
+    MAX_DEGREE,
     MAX_INSTANT_ACTIONS,
     MAX_MESSAGE_SIZE,
     MAX_TEXT,
@@ -221,9 +222,11 @@ def _action(version: Version, action: Mapping[str, Any]) -> Action:
 def _trajectory(trajectory: Mapping[str, Any]) -> Trajectory:
     points = trajectory["controlPoints"]
     degree = int(trajectory.get("degree", 1))  # JSON permits 3.0 for an integer
+    # a higher degree is refused later, but its knots might not fit into the memory
+    uniform = _uniform_knots(min(degree, MAX_DEGREE), len(points))
     return Trajectory(
         degree=degree,
-        knots=tuple(trajectory.get("knotVector") or _uniform_knots(degree, len(points))),
+        knots=tuple(trajectory.get("knotVector") or uniform),
         points=tuple(
             ControlPoint(point["x"], point["y"], point.get("weight", 1.0)) for point in points
         ),
