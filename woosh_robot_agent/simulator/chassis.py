@@ -37,9 +37,6 @@ class Chassis(Robot):
     at any time. Events, e.g. status codes, must all be pushed; they are collected until
     `take_events` returns them.
 
-    Args:
-        config: the options.
-
     Raises:
         DataFileError: the file of the profile or of a scene cannot be used.
 
@@ -117,7 +114,7 @@ class Chassis(Robot):
         return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
 
     def begin_request(self, type_name: str) -> None:
-        """Choose `answer_delay` and `state_first` for a request.
+        """Choose when a request is answered, and if a new state is pushed before its answer.
 
         Args:
             type_name: full name of the type of the request.

@@ -61,7 +61,6 @@ def task_jobs(
 
     Args:
         robot: the robot, at the place where the task starts.
-        actions: the actions of the task.
         direction: `kCutting` to unload goods, which lowers the lift; any other value raises it.
         target: the target mark of the task, or the job that drives to another target.
     """

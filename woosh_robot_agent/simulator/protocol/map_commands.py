@@ -158,11 +158,7 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> None:
 
 
 def _require_idle(chassis: Chassis) -> None:
-    """Check that the current map may change, and that no map is being made.
-
-    Raises:
-        RefusedError: the map must not change now.
-    """
+    """Raise RefusedError if the current map must not change now, or a map is being made."""
     require_map_changeable(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
 

@@ -40,7 +40,7 @@ def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Message:
 
 @command(storage_edit_pb2.Create)
 def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Message:
-    area, storage = chassis.map, copy_of(request.storage)  # the recorded request must not change
+    area, storage = chassis.map, copy_of(request.storage)  # a copy: tests read the request
     if len(area.marks) >= MAX_MARKS:
         raise RefusedError(f"map {area.name} has {MAX_MARKS} marks already: delete one first")
     if storage.identity.no in area.marks:
@@ -86,7 +86,6 @@ def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = Non
 
     Args:
         chassis: the robot, on whose current map the mark is.
-        storage: data of the mark.
         old: the mark that it replaces, None for a new mark.
 
     Raises:
