@@ -26,7 +26,7 @@ _DOCK_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
 """Shares of the usual docking distance, tried in this order until one has enough room."""
 
 _CHARGER_DISTANCE = 0.3
-"""Distance to a charger at which the robot can charge, in metres."""
+"""Maximum distance to a charger at which the robot can charge, in metres."""
 
 
 class Robot(Timeline):

@@ -146,7 +146,7 @@ _STEERING_TOLERANCE = 1e-3
 """Bearing of the point to steer to up to which the base drives straight on, in radians."""
 
 _MAX_STRETCH = 2.0
-"""Length of the path ahead that limits the speed, in metres; enough to stop from 2 m/s."""
+"""Length of the path ahead on which the speed depends, in metres; enough to stop from 2 m/s."""
 
 _PATH_SPACING = 0.3
 """Distance between two stops below which the base does not turn at the first one, in metres."""

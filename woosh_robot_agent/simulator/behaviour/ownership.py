@@ -188,7 +188,7 @@ class Ownership:
     def suspend_all(self, reason: str) -> None:
         """End actions, following and an automatic task; pause the task of a client.
 
-        Called while the robot is not ready. Remote control goes on.
+        Called while the robot accepts no tasks and actions. Remote control goes on.
         """
         self._follower.active = False
         self._actions.fail_all(reason)

@@ -99,7 +99,7 @@ def task_jobs(
 
 
 def _step(robot: Robot, action: Action) -> Job:
-    """Return the job of a step or turn that a task consists of, within the limits of the base."""
+    """Return the job of an action that is a step or a turn, within the limits of the base."""
     speed, value = action.stepctrl_speed or STEP_SPEED, action.stepctrl_value
     if action.stepctrl_type:  # a turn
         step: Shift | Turn = Turn(value, min(speed, robot.base.max_turn_rate))

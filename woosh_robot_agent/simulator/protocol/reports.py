@@ -449,9 +449,7 @@ class StateWatch:
     def take_changes(self, *, while_moving: bool) -> list[Message]:
         """Return the periodic reports that are due and the states that have changed, once each.
 
-        Args:
-            while_moving: True to include PoseSpeed, which changes with every step of a moving
-                robot.
+        PoseSpeed, which changes with every step of a moving robot, only if `while_moving`.
         """
         messages = []
         for topic, last_due in self._due.items():

@@ -327,9 +327,7 @@ class MessageHandler:
     def report_changes(self, *, while_moving: bool) -> None:
         """Push all new events, the reports that are due, and the states that have changed.
 
-        Args:
-            while_moving: True to include PoseSpeed, which changes with every step of a moving
-                robot.
+        PoseSpeed, which changes with every step of a moving robot, only if `while_moving`.
         """
         self._push_events()
         for message in self._watch.take_changes(while_moving=while_moving):
