@@ -175,7 +175,7 @@ class Chassis(Robot):
 
     def switch_map(self, scene: Scene, area: Map) -> None:
         super().switch_map(scene, area)
-        self.tasks.forget_failed()  # its target is on the old map
+        self.tasks.forget_failed()  # the target of a failed task is on the old map
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
