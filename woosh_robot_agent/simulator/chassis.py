@@ -37,9 +37,6 @@ class Chassis(Robot):
     at any time. Events, e.g. status codes, must all be pushed; they are collected until
     `take_events` returns them.
 
-    Args:
-        config: the options.
-
     Raises:
         DataFileError: the file of the profile or of a scene cannot be used.
 
@@ -117,7 +114,7 @@ class Chassis(Robot):
         return util_robot_pb2.kWarning if self.codes.abnormal else util_robot_pb2.kIdle
 
     def begin_request(self, type_name: str) -> None:
-        """Choose `answer_delay` and `state_first` for a request.
+        """Choose when a request is answered, and if a new state is pushed before its answer.
 
         Args:
             type_name: full name of the type of the request.
@@ -178,7 +175,7 @@ class Chassis(Robot):
 
     def switch_map(self, scene: Scene, area: Map) -> None:
         super().switch_map(scene, area)
-        self.tasks.forget_failed()  # its target is on the old map
+        self.tasks.forget_failed()  # the target of a failed task is on the old map
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""

@@ -59,7 +59,6 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
 
     Args:
         arguments: command-line arguments; None for the arguments of this process.
-        signals: tells when to stop.
 
     Returns:
         The exit status: 0, or 1 if the chassis could not start, or the tool failed or found errors.
@@ -160,8 +159,6 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
     most. Another signal ends this, too, unless it comes within `_REPEAT_TIME`.
 
     Args:
-        config: options of the simulated chassis.
-        signals: the signals.
         dashboard_port: port of the page; None to serve no page.
     """
     loop, stopping = asyncio.get_running_loop(), asyncio.Event()

@@ -19,7 +19,6 @@ class Step:
 
     Attributes:
         at: simulated time since the start, in seconds.
-        name: name of the fault.
         arguments: all arguments of the fault, by name.
     """
 
@@ -54,8 +53,6 @@ def _option(default: Any, help_: str, **arguments: Any) -> Any:
     """Return a field that is also a command-line option.
 
     Args:
-        default: default value.
-        help_: description of the option.
         arguments: further arguments of `ArgumentParser.add_argument`.
     """
     return field(default=default, metadata={"help": help_, **arguments})

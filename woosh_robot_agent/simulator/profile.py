@@ -345,11 +345,7 @@ def _shipped(name: str) -> Profile:
 
 
 def _read(path: Path) -> Profile:
-    """Read a profile from a file.
-
-    Raises:
-        DataFileError: the file cannot be read, or is no profile.
-    """
+    """Read a profile from a file; raise DataFileError if it is unreadable or no profile."""
     try:
         data = path.read_bytes()
     except OSError as error:

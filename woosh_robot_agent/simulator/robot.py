@@ -26,14 +26,11 @@ _DOCK_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
 """Shares of the usual docking distance, tried in this order until one has enough room."""
 
 _CHARGER_DISTANCE = 0.3
-"""Distance to a charger at which the robot can charge, in metres."""
+"""Maximum distance to a charger at which the robot can charge, in metres."""
 
 
 class Robot(Timeline):
     """The robot and its surroundings. Behaviours act on this object.
-
-    Args:
-        config: the options.
 
     Raises:
         DataFileError: the file of the profile or of a scene cannot be used.
@@ -50,12 +47,8 @@ class Robot(Timeline):
         scene: current scene.
         map: current map.
         obstacles: obstacles that are not in the map.
-        base: the driven base.
-        laser: the laser.
-        battery: the battery.
         jack: the lift of LiftControl, which carries goods.
         column: the lift of LiftControl2 and LiftControl3.
-        wifi: the Wi-Fi.
         readiness: modes and conditions that decide whether the robot may move by itself.
         occupied: True if a client has reserved the robot.
         scan_time: simulated time of the last scan of the laser, in seconds.
@@ -181,7 +174,7 @@ class Robot(Timeline):
             )
 
     def switch_map(self, scene: Scene, area: Map) -> None:
-        """Store a scene, and make one of its maps the current map, while there is no task.
+        """Store a scene, and make one of its maps the current map. No task may be running.
 
         The pose of the robot stays. A robot that cannot stand there has lost its localisation.
         """

@@ -54,7 +54,7 @@ def _unreadable_files(folder: Path) -> Iterator[str]:
 
 
 def _unreadable_map_files(name: str, files: Mapping[str, bytes]) -> Iterator[str]:
-    """Yield the error of each file in the folder of a map that cannot be read."""
+    """Yield an error for each invalid file in the folder of a map."""
 
     def read_keepout() -> None:
         grid = robot_files.read_map_picture(name, files)

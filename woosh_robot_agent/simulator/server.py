@@ -108,7 +108,6 @@ class SimulatedChassis(Server):
         The fault `off` closes the ports in the background: `settle` waits for that.
 
         Args:
-            name: name of the fault.
             arguments: arguments of the fault, and `for_`, the simulated seconds until it ends.
 
         Returns:

@@ -180,16 +180,14 @@ class RunningAgent(Protocol):
 _LINK_FIELDS = {field.name for field in fields(LinkConfig)} - {p.name for p in PARAMETERS}
 """Fields of `LinkConfig` that are not parameters of the agent."""
 _STALL = 10.0
-"""Stall of this process after which the agent refuses older commands, in seconds. It is longer than
-on a robot, because tests on a busy machine stall for longer than a robot's computer."""
+"""Minimum stall of this process after which the agent refuses the commands from before its end, in
+seconds. Longer than on a robot, because a busy test machine stalls for longer."""
 
 
 class AgentInProcess:
     """The agent in this process, with its own context, executor and thread.
 
     Args:
-        domain: ROS_DOMAIN_ID of the agent.
-        namespace: namespace of the agent.
         parameters: parameters of the agent, and fields of `LinkConfig`, e.g. `backoff_min`.
 
     Attributes:
@@ -197,7 +195,6 @@ class AgentInProcess:
         domain: ROS_DOMAIN_ID of the agent.
         namespace: namespace of the agent.
         context: rclpy's context of the agent.
-        executor: executor of the agent.
 
     Raises:
         ValueError: a parameter is invalid.
@@ -246,15 +243,11 @@ class AgentProcess:
     """The agent in its own process, as `ros2 run woosh_robot_agent agent` starts it.
 
     Args:
-        domain: ROS_DOMAIN_ID of the agent.
-        namespace: namespace of the agent.
         arguments: further ROS arguments, e.g. `-p`, `poll_timeout:=3000`.
-        parameters: parameters of the agent.
 
     Attributes:
         domain: ROS_DOMAIN_ID of the agent.
         namespace: namespace of the agent.
-        process: the process.
         lines: lines that the agent has logged so far, each with its line end.
     """
 
@@ -291,7 +284,6 @@ class AgentProcess:
         """Wait until the agent has logged `text`.
 
         Args:
-            text: part of a log message.
             times: number of occurrences since the start of the agent.
 
         Raises:
@@ -349,11 +341,9 @@ def running_agent(
     """Run the real agent, connected to `chassis`.
 
     Args:
-        chassis: the chassis to connect to.
         process: True to run the agent in its own process, as on a robot. By default it runs in
             this process, which starts faster and can be debugged.
         domain: ROS_DOMAIN_ID of the agent; by default a new one from `own_domain`.
-        namespace: namespace of the agent.
         parameters: parameters of the agent, e.g. `transport="tcp"`; by default, `ip` and `port`
             lead to `chassis`. In this process, also fields of `LinkConfig`.
 

@@ -21,9 +21,6 @@ class _Run:
     """An action that is executed or paused.
 
     Attributes:
-        name: name of the action.
-        job: job of the action.
-        paused: True if the action is paused.
         started: True if the start of the action has been reported.
         impeded: True if an obstacle blocks the action now. A paused action is not impeded.
         reported_at: simulated time of the last report, in seconds; 0 before the first.
@@ -78,11 +75,7 @@ class Actions:
         return ""
 
     def paused_job(self, name: str) -> Job | None:
-        """Return the job of an action if it is paused, None if it runs.
-
-        Raises:
-            RefusedError: the action neither runs nor is paused.
-        """
+        """Return the job of an action if it is paused, None if it runs; else raise RefusedError."""
         run = self._find(name)
         return run.job if run.paused else None
 
@@ -98,11 +91,7 @@ class Actions:
         self._end(self._find(name), ros_pack_pb2.kRosCancel, "cancelled")
 
     def pause(self, name: str) -> None:
-        """Pause an action. A paused action stays paused.
-
-        Raises:
-            RefusedError: the action neither runs nor is paused.
-        """
+        """Pause an action; raise RefusedError if it neither runs nor is paused."""
         self._pause(self._find(name), "paused")
 
     def pause_on(self, device: Device, reason: str) -> None:
@@ -115,7 +104,7 @@ class Actions:
         """Resume a paused action; raise RefusedError if there is no such action."""
         run = self._find(name)
         run.paused = False
-        run.job.suspend(self._robot)  # again: a path planned during the pause may be outdated
+        run.job.suspend(self._robot)  # drop a path planned during the pause: it may be outdated
         self._report(run, ros_pack_pb2.kRosExecuting, "resumed")
 
     def cancel_on(self, device: Device, reason: str) -> None:

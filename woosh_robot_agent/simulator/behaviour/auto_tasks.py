@@ -20,8 +20,6 @@ class AutoTasks:
     is not reserved by a client. A command of a client restarts the idle time.
 
     Args:
-        robot: the robot.
-        tasks: the tasks of the robot.
         ownership: starts the automatic tasks.
         charge_after: idle time before a robot with a low battery drives to a charger, in simulated
             seconds.

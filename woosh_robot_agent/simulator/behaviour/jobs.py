@@ -38,7 +38,6 @@ def is_clear(robot: Robot, direction: float, distance: float) -> bool:
     The walls of the map do not count: planned paths keep away from them.
 
     Args:
-        robot: the robot.
         direction: direction of the motion, counter-clockwise from straight ahead, in radians.
         distance: length of the motion, in metres. Obstacles further away are ignored.
     """
@@ -103,7 +102,7 @@ def failed(reason: str, code: int = 0) -> Progress:
 
 
 class Done(Job):
-    """Ends at once, because everything was done before it started; reports `text`."""
+    """Ends at once and reports `text`: the request itself did all work, e.g. it set a mode."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -210,7 +209,6 @@ class Steps(Job):
     """Makes steps one after the other.
 
     Args:
-        steps: the steps, in order.
         avoid: True to stop before an obstacle and wait some seconds for it to go away; False to
             drive until the base touches it, and fail at once. At a wall of the map, the base
             always drives until it touches the wall.
@@ -287,7 +285,6 @@ class MoveLift(Job):
     """Moves a lift to one height after the other.
 
     Args:
-        lift: the lift.
         heights: at least one height that the lift can reach, in metres.
         speed: speed, in m/s; 0 for the default of the lift.
     """
@@ -386,7 +383,6 @@ def dock_job(robot: Robot, distance: float, kind: util_action_pb2.Type) -> Job:
     """Return the job that drives into a dock or out of it.
 
     Args:
-        robot: the robot.
         distance: distance straight ahead, in metres; negative for backwards.
         kind: the `woosh.action.Type` in reports.
     """

@@ -345,7 +345,6 @@ class CollectedPoint(NamedTuple):
     """A point, e.g. a mark or a code, that a client has collected.
 
     Attributes:
-        kind: kind of the point.
         id: identifier, unique among the points of this kind in the map.
         pose: pose, in the map's frame.
     """
@@ -372,7 +371,6 @@ class Deployment:
         """Add a point to the map and return it.
 
         Args:
-            kind: kind of the point.
             pose: pose of the point; None for the pose of the robot.
 
         Raises:

@@ -78,11 +78,9 @@ def plan_route(
     strict: bool = False,
     obstacles: tuple[Wall, ...] = (),
 ) -> Route:
-    """Plan a route for the robot with its footprint in use.
+    """Plan a route for the robot with its current footprint.
 
     Args:
-        robot: the robot.
-        start: pose at which the route starts.
         stops: poses to pass, the goal last.
         strict: True to drive in straight lines from pose to pose, without regard to any walls.
         obstacles: walls to avoid in addition to the walls of the map.
@@ -148,7 +146,7 @@ _STEERING_TOLERANCE = 1e-3
 """Bearing of the point to steer to up to which the base drives straight on, in radians."""
 
 _MAX_STRETCH = 2.0
-"""Length of the path ahead that limits the speed, in metres; enough to stop from 2 m/s."""
+"""Length of the path ahead on which the speed depends, in metres; enough to stop from 2 m/s."""
 
 _PATH_SPACING = 0.3
 """Distance between two stops below which the base does not turn at the first one, in metres."""
@@ -193,7 +191,6 @@ class Navigate(Job):
     mode decides whether it then goes round the obstacle, waits or gives up.
 
     Args:
-        goal: goal, in the map's frame.
         via: poses to pass on the way, in the map's frame.
         strict: True to drive straight from one pose to the next, False to plan paths between them.
         one_by_one: True to turn to the heading of each pose of `via`, except if the next pose is
@@ -315,11 +312,7 @@ class Navigate(Job):
         return False
 
     def _plan(self, robot: Robot, obstacles: tuple[Wall, ...] = ()) -> None:
-        """Plan the path from here, which also avoids `obstacles`.
-
-        Raises:
-            NoRouteError: there is no path.
-        """
+        """Plan a path that also avoids `obstacles`; raise NoRouteError if there is none."""
         route = plan_route(
             robot, robot.base.pose, self._stops, strict=self._strict, obstacles=obstacles
         )
@@ -392,7 +385,7 @@ class Navigate(Job):
         if ahead <= _POSITION_TOLERANCE:  # the corner is beside the base or behind it
             self._turning = True
             return False
-        speed, turn = approach(ahead, self._speed(), ACCELERATION, dt), 0.0
+        speed, turn = approach(ahead, self._mode.max_speed or DEFAULT_SPEED, ACCELERATION, dt), 0.0
         to_aim = base.pose.bearing(stretch.aim)
         if abs(to_aim) > _STEERING_TOLERANCE:
             # Drive on the arc that leads to the aim.
@@ -467,9 +460,6 @@ class Navigate(Job):
             return False
         base.drive(Velocity(turn=approach(error, TURN_SPEED, ANGULAR_ACCELERATION, dt)))
         return True
-
-    def _speed(self) -> float:
-        return self._mode.max_speed or DEFAULT_SPEED
 
     def _progress(self, base: Base) -> Progress:
         return Progress(text=f"{base.pose.distance(self.goal.point):.2f} m from the goal")

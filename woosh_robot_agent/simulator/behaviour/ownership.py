@@ -4,7 +4,7 @@ All requests that start or resume a job go through `Ownership`. Its rules:
 
 - At most one job owns a device. A paused job owns nothing.
 - A new task replaces everything that drives or charges. With `while_busy` in the profile, it is
-  refused instead while a task runs. It replaces an automatic task unless both have the same type.
+  refused instead while a task runs, except if that is an automatic task of another type.
 - A running task owns a device only while its current job needs the device. The task waits for an
   action that still owns the device.
 - A new action replaces an action that runs or is paused on the same device. It is refused while a
@@ -128,8 +128,8 @@ class Ownership:
 
         Args:
             name: full protobuf name of the action.
-            job: the job.
-            ends: another device, on which an action also ends; `NONE` for no other device.
+            ends: another device whose action ends too, e.g. the charger that the robot leaves;
+                `NONE` for no other device.
 
         Raises:
             RefusedError: a task of a client owns one of the devices; or, with `while_busy` in the
@@ -160,20 +160,12 @@ class Ownership:
         self._actions.resume(name)
 
     def drive(self, velocity: Velocity) -> None:
-        """Drive by remote control.
-
-        Raises:
-            RefusedError: an action or a task of a client drives.
-        """
+        """Drive by remote control; raise RefusedError if an action or a task of a client drives."""
         self._take_wheels("remote control", refusals.TWIST_WHILE_DRIVING)
         self._teleop.command(velocity)
 
     def follow(self) -> None:
-        """Follow a leader.
-
-        Raises:
-            RefusedError: an action or a task of a client drives.
-        """
+        """Follow a leader; raise RefusedError if an action or a task of a client drives."""
         self._take_wheels("following", refusals.FOLLOW_WHILE_DRIVING)
         self._teleop.release()
         self._follower.active = True
@@ -196,7 +188,7 @@ class Ownership:
     def suspend_all(self, reason: str) -> None:
         """End actions, following and an automatic task; pause the task of a client.
 
-        Called while the robot is not ready. Remote control goes on.
+        Called while the robot accepts no tasks and actions. Remote control goes on.
         """
         self._follower.active = False
         self._actions.fail_all(reason)
@@ -205,7 +197,7 @@ class Ownership:
             self._tasks.pause(reason)
 
     def _take_wheels(self, user: str, refusal: Refusal) -> None:
-        """Take the wheels for remote control or following, which ends following.
+        """End an automatic task and following, so that remote control or following can drive.
 
         Raise `refusal` if an action or a task of a client drives.
         """

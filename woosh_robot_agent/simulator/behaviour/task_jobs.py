@@ -61,7 +61,6 @@ def task_jobs(
 
     Args:
         robot: the robot, at the place where the task starts.
-        actions: the actions of the task.
         direction: `kCutting` to unload goods, which lowers the lift; any other value raises it.
         target: the target mark of the task, or the job that drives to another target.
     """
@@ -100,7 +99,7 @@ def task_jobs(
 
 
 def _step(robot: Robot, action: Action) -> Job:
-    """Return the job of a step or turn that a task consists of, within the limits of the base."""
+    """Return the job of an action that is a step or a turn, within the limits of the base."""
     speed, value = action.stepctrl_speed or STEP_SPEED, action.stepctrl_value
     if action.stepctrl_type:  # a turn
         step: Shift | Turn = Turn(value, min(speed, robot.base.max_turn_rate))

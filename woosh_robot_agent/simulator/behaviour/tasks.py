@@ -45,7 +45,6 @@ class TaskOrder:
 
     Attributes:
         id: the `robot_task_id` in reports.
-        type: type of the task.
         dest: number of the target mark, empty if the target is not a mark.
         jobs: returns the jobs of the task, in order. Called when the task starts, because jobs may
             depend on where the robot then stands.
@@ -257,7 +256,6 @@ class Tasks:
         """Work on the task for `dt` seconds.
 
         Args:
-            dt: duration, in seconds.
             device_free: False if an action owns the device of the current job, which then waits.
         """
         if self._starting:
@@ -269,9 +267,9 @@ class Tasks:
         """Start the next task of the set, if there is one.
 
         Args:
-            at_once: True to begin now, because no request waits for its answer. False to begin when
-                the current request is answered; only the new state of the robot may be shown before
-                the answer, see `Robot.state_first`.
+            at_once: False if a request has started the task: the reports then follow its answer,
+                which only the new state of the robot may precede (`Robot.state_first`). True if no
+                request waits for an answer.
         """
         if not self._rest_of_set:
             return

@@ -62,7 +62,6 @@ class Base:
         pose: pose in the map's frame, with a heading in (-pi, pi].
         odometry: pose by wheel odometry, relative to the start. It never jumps, and its heading is
             not wrapped.
-        velocity: current velocity.
         odometer: total distance driven, in metres.
         max_speed: maximum speed, in m/s.
         max_turn_rate: maximum turn rate, in rad/s.
@@ -132,7 +131,6 @@ class Base:
         because the base or the obstacle was placed there, can move out of it.
 
         Args:
-            dt: duration of the step, in seconds.
             gap: returns the gap in metres between the base at a pose and its surroundings; it is
                 negative if they overlap.
         """

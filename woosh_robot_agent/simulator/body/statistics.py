@@ -70,9 +70,6 @@ class Statistics:
         """Push the record of the day if it is due, and open a new record at midnight (UTC).
 
         It is due after each metre driven, after `period`, and at the end of the day.
-
-        Args:
-            odometer: total distance driven, in metres.
         """
         driven = int(odometer) != self._mileage
         self._mileage = int(odometer)
@@ -102,7 +99,6 @@ class Statistics:
         """Open the record of a task.
 
         Args:
-            task_id: the `robot_task_id` of the task.
             dest: number of the target mark, empty if the target is not a mark.
         """
         self._task_start = self._timeline.elapsed
@@ -188,7 +184,6 @@ class Codes:
     """The log of status codes.
 
     Args:
-        language: language of the texts.
         publish: called with each new code; adds time, state and task to it, and sends it to the
             clients.
         statistics: records the problems: warnings, faults, and all codes passed to `watch`.
@@ -224,7 +219,6 @@ class Codes:
         """Log a status code and send it to the clients.
 
         Args:
-            code: the code.
             kind: type of the action that the code concerns; `kTypeUndefined` for none.
             detail: further text in English, which is left out in other languages; may be empty.
         """
@@ -236,7 +230,6 @@ class Codes:
         """Report a code when its cause appears, and list it as abnormal until the cause is gone.
 
         Args:
-            code: the code.
             present: True if the cause is present at this moment.
         """
         if present and code.number not in self._abnormal:

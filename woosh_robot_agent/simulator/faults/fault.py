@@ -51,7 +51,6 @@ class Argument:
     """An argument that a fault takes.
 
     Attributes:
-        name: name of the argument.
         default: default value, which also gives the type; None for an optional number.
         description: meaning of the argument, for the documentation.
         low: minimum of a number.
@@ -132,7 +131,7 @@ def _number(value: float) -> str:
 
 def _article(text: str) -> str:
     """Return a description such as "integer" with its article; choices get none."""
-    # `joined` returns a single choice as it is, i.e. as a plain str
+    # choices: several, joined by "or", or a single one, which is a plain str
     if " or " in text or not isinstance(text, Said):
         return text
     article = "an" if text[0] in "aeiou" else "a"
@@ -156,7 +155,6 @@ class Fault:
     """A kind of fault.
 
     Attributes:
-        name: name of the fault.
         description: effect of the fault, for the documentation.
         begin: function that begins the fault.
         own_arguments: arguments, without `for`, which all lasting faults have.
@@ -249,7 +247,6 @@ class Injection:
     """An injected fault.
 
     Attributes:
-        fault: definition of the fault.
         number: number among the injections of this fault, from 1.
         arguments: all arguments, defaults included, by name.
         rng: random number generator, derived from the seed of the simulator.

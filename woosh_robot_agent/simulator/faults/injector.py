@@ -146,7 +146,6 @@ class Injector:
     """The faults of one simulated chassis.
 
     Args:
-        server: the simulated chassis.
         seed: seed of the faults' random choices.
         steps: scheduled faults.
 

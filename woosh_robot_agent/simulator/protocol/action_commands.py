@@ -200,7 +200,6 @@ def _lift_control2(chassis: Chassis, action: action_pb2.LiftControl2) -> Job:
 
 
 def _lift_control3(chassis: Chassis, action: action_pb2.LiftControl3) -> Job:
-    """Return the job of a LiftControl3; that of a query moves nothing, and reports the height."""
     column, mode = chassis.column, action.execute_mode
     speed = usable_speed(action.speed, _MIN_LIFT_SPEED)
     if mode == _Lift3.kQuery:

@@ -33,7 +33,7 @@ class Answer:
         type: full protobuf name of the body; without a body, the one of the request, or `error` if
             no request has its type.
         body: body, None for an empty body.
-        ok: True if the request was executed, or if its refusal is `harmless` and explained.
+        ok: True if the request was executed, or merely has no effect and gets an explanation.
         msg: text for people; the reason if the request was refused; empty for most queries.
         code: status code that follows the answer, None if there is none.
     """

@@ -101,11 +101,7 @@ def named_map(scene: Scene, name: str) -> Map:
 
 
 def named_mark(chassis: Chassis, number: str) -> Mark:
-    """Return the mark of the current map with this number.
-
-    Raises:
-        RefusedError: there is no such mark.
-    """
+    """Return the mark of the current map with this number; raise RefusedError if there is none."""
     mark = chassis.map.marks.get(number)
     if mark is None:
         known = ", ".join(chassis.map.marks) or "none"

@@ -117,7 +117,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> None:
             current_map = request.new_map_name
     elif request.new_map_name:
         raise RefusedError(refusals.NO_NAME, field="old_map_name")
-    if request.new_scene_name or not request.old_map_name:
+    if request.new_scene_name or not request.old_map_name:  # without a map: rename the scene
         scene_name = request.new_scene_name
         require_name("new_scene_name", scene_name)
         if scene_name != old.name and scene_name in chassis.scenes:
@@ -158,11 +158,7 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> None:
 
 
 def _require_idle(chassis: Chassis) -> None:
-    """Check that the current map may change, and that no map is being made.
-
-    Raises:
-        RefusedError: the map must not change now.
-    """
+    """Raise RefusedError if the current map must not change now, or a map is being made."""
     require_map_changeable(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
 

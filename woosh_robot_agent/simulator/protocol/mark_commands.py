@@ -11,7 +11,7 @@ from woosh_robot_agent.simulator.protocol.handlers import command, named_mark, q
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.robot_files import MAX_MARKS
 from woosh_robot_agent.simulator.scenes.scene import (
-    free_mark_id,
+    free_id,
     has_pose,
     mark_of,
     storage_of,
@@ -40,7 +40,7 @@ def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Message:
 
 @command(storage_edit_pb2.Create)
 def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Message:
-    area, storage = chassis.map, copy_of(request.storage)  # the recorded request must not change
+    area, storage = chassis.map, copy_of(request.storage)  # a copy: tests read the request as sent
     if len(area.marks) >= MAX_MARKS:
         raise RefusedError(f"map {area.name} has {MAX_MARKS} marks already: delete one first")
     if storage.identity.no in area.marks:
@@ -49,7 +49,7 @@ def _create(chassis: Chassis, request: storage_edit_pb2.Create) -> Message:
             "number, or update it"
         )
     if not storage.identity.id:
-        storage.identity.id = free_mark_id(area)
+        storage.identity.id = free_id(mark.id for mark in area.marks.values())
     mark = _checked(chassis, storage)
     _store(chassis, [*area.marks.values(), mark])
     return storage_of(mark)
@@ -86,7 +86,6 @@ def _checked(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = Non
 
     Args:
         chassis: the robot, on whose current map the mark is.
-        storage: data of the mark.
         old: the mark that it replaces, None for a new mark.
 
     Raises:

@@ -332,6 +332,7 @@ def scene_list(chassis: Chassis) -> map_pack_pb2.SceneList:
 def _map_data(
     area: Map, files: Mapping[str, bytes], end: Pose | None
 ) -> map_pack_pb2.SceneData.Map:
+    """Return a map with its `files`; `end` is the last pose of the robot on the map."""
     # numpy and Pillow load slowly, and only pictures need them.
     from woosh_robot_agent.simulator.world.picture import draw
 
@@ -448,9 +449,7 @@ class StateWatch:
     def take_changes(self, *, while_moving: bool) -> list[Message]:
         """Return the periodic reports that are due and the states that have changed, once each.
 
-        Args:
-            while_moving: True to include PoseSpeed, which changes with every step of a moving
-                robot.
+        PoseSpeed, which changes with every step of a moving robot, only if `while_moving`.
         """
         messages = []
         for topic, last_due in self._due.items():
@@ -470,13 +469,10 @@ class StateWatch:
                 self._last[topic] = now
                 messages.append(message)
                 if topic == _POSE_SPEED:
-                    self._schedule_pose()
+                    self._next_pose = self._wake_after(self._chassis.profile.rates.pose_speed)
                 elif topic == _BATTERY:
                     self._schedule_battery()
         return messages
-
-    def _schedule_pose(self) -> None:
-        self._next_pose = self._wake_after(self._chassis.profile.rates.pose_speed)
 
     def _schedule_battery(self) -> None:
         period = self._chassis.profile.rates.battery

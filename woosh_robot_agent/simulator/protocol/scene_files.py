@@ -61,7 +61,6 @@ def updated_scene(
     that is the version of the old map.
 
     Args:
-        name: name of the scene.
         old: the scene before the upload, None if it is new.
         upload: the uploaded files: files of a robot's folder, a `scene.yaml`, or maps of
             map_server.
@@ -98,7 +97,6 @@ def _read_upload(
     """Return the scene that an upload describes, None if it describes no scene.
 
     Args:
-        name: name of the scene.
         old: the scene before the upload, None if it is new.
         new: the uploaded files.
         files: all files of the scene after the upload.
@@ -129,8 +127,8 @@ def _read_upload(
 def _successor(area: Map, before: Map, *, whole: bool) -> Map:
     """Return an uploaded map with its new version, and with what is known from the old map.
 
-    This is the ground truth, i.e. the real walls, if the upload changes the ground; and `end`, the
-    last pose of the robot on the map, unless the upload has one, or is a whole folder.
+    That is the real walls of a map that the robot has made (`ground_truth`), and its last pose
+    there (`end`), unless the upload has one, or is a whole folder.
 
     Args:
         area: the map as its files describe it.
@@ -176,11 +174,7 @@ def check_map_files(scene: Scene) -> None:
 
 
 def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
-    """Check that each picture of an upload can be read, even if no map uses the picture.
-
-    Raises:
-        RefusedError: a picture cannot be read.
-    """
+    """Raise RefusedError if a picture of an upload cannot be read, even if no map uses it."""
     for file in upload:
         if PurePosixPath(file.name).suffix.lower() in _PICTURES:
             # numpy and Pillow load slowly, and only pictures need them.

@@ -202,7 +202,7 @@ def _add_task(chassis: Chassis, request: AddTask) -> None:
 def _put(chassis: Chassis, request: RepeatTask) -> Message:
     """Add a predefined task set, or replace the one with the same id; return the stored set.
 
-    A set with the id 0 is added with an unused id, from the time of the robot's clock on.
+    A set with the id 0 is added with the first free id from the robot's Unix time on.
 
     Raises:
         RefusedError: there are too many sets, or the tasks or `times` cannot be used.
@@ -266,11 +266,7 @@ def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
 
 
 def _predefined(chassis: Chassis, id_: int) -> RepeatTask:
-    """Return the predefined task set with an id.
-
-    Raises:
-        RefusedError: there is no such task set.
-    """
+    """Return the predefined task set with an id; raise RefusedError if there is none."""
     for repeat in chassis.scene.predefined.repeat_tasks:
         if repeat.task_set.base.id == id_:
             return repeat
@@ -310,11 +306,7 @@ def _number_and_check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
 
 
 def _require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
-    """Check that a mark can be the target of a task of a type.
-
-    Raises:
-        RefusedError: the task is a charge task, and the mark is not a charger.
-    """
+    """Raise RefusedError for a charge task (`kind`) at a mark that is not a charger."""
     if kind == util_task_pb2.kCharge and mark.kind is not MarkKind.CHARGER:
         raise RefusedError(f"mark {mark.number} is not a charger: choose one that is")
 

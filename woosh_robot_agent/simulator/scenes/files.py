@@ -95,11 +95,7 @@ def read_handwritten_scene(name: str, names: Collection[str], read: FileReader) 
 
 
 def _read_file(file: Path) -> bytes:
-    """Return the content of a file.
-
-    Raises:
-        DataFileError: the file cannot be read, or is too large.
-    """
+    """Return the content of a file; raise DataFileError if it is unreadable or too large."""
     try:
         if file.stat().st_size > _MAX_FILE_BYTES:
             raise DataFileError(f"{file}: the file has more than {_MAX_FILE_BYTES} bytes")

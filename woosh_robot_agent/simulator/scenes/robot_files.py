@@ -78,11 +78,7 @@ class _EndPose:
 
 
 def check_map_name(name: str) -> None:
-    """Check that a name can be the name of a map and of its folder.
-
-    Raises:
-        ValueError: the name is not a plain file name.
-    """
+    """Raise ValueError if a name cannot be the name of a map and of its folder."""
     if not is_plain(name):
         raise ValueError(f"{name!r} must be a name that is not a path")
 
@@ -92,7 +88,6 @@ class _MapEntry:
     """A map in the index of a scene.
 
     Attributes:
-        id: id of the map.
         name: name of the map and of its folder.
         end_pose: last pose of the robot on the map; None if the index gives none.
         source: place of the entry in the index, for errors; not a key of the file.
@@ -115,7 +110,6 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
     """Read a scene from its files. The robot starts at the first `end_pose` in the index.
 
     Args:
-        name: name of the scene.
         files: all files of the scene, by path; the index must be among them.
         old: the scene before a change; None for a new scene. A map whose pictures have not changed
             keeps its walls and its grid: read from pictures, it would have a grid only.
@@ -193,12 +187,7 @@ def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
 
 
 def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepOut | None:
-    """Read the keep-out cells of a map; None if the file of keep-out areas is missing or empty.
-
-    Args:
-        name: name of the map.
-        files: the files of the scene, by path.
-        grid: the cells of the map.
+    """Read the keep-out cells of the map called `name`; None if their file is missing or empty.
 
     Raises:
         DataFileError: the file cannot be used.
@@ -263,8 +252,6 @@ def check_unique(places: Sequence[str], key: str, values: Sequence[Hashable]) ->
 
     Args:
         places: place of each value in the file, for the error.
-        key: name of the key.
-        values: the values.
 
     Raises:
         DataFileError: two entries have the same value.

@@ -129,7 +129,7 @@ def marks_of(info: mark_pb2.MarkInfo) -> dict[str, Mark]:
 
 
 def other_marks(info: mark_pb2.MarkInfo) -> mark_pb2.MarkInfo:
-    """Return the marks that only the file stores, such as beacons, as a new message."""
+    """Return the marks that the robot only stores, such as beacons, as a new message."""
     others = copy_of(info)
     for name in ("version", "floor_name", "storages"):
         others.ClearField(name)
@@ -182,11 +182,6 @@ def with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
     newer = replace(area, name=name, version=area.version + 1)
     start_map = name if scene.start_map == area.name else scene.start_map
     return replace(with_map_changed(scene, area, newer), start_map=start_map)
-
-
-def free_mark_id(area: Map) -> int:
-    """Return an id that no mark of a map has."""
-    return free_id(mark.id for mark in area.marks.values())
 
 
 def with_marks(scene: Scene, area: Map, marks: Iterable[Mark]) -> Scene:

@@ -350,11 +350,7 @@ def _walls(entry: MapEntry) -> Iterator[Wall]:
 
 
 def _marks(entry: MapEntry) -> dict[str, Mark]:
-    """Return the marks of a map, by number.
-
-    Raises:
-        DataFileError: two marks have the same number or id.
-    """
+    """Return the marks of a map, by number; raise DataFileError if a number or id is used twice."""
     marks = [
         Mark(
             id=index if each.id is None else each.id,

@@ -28,10 +28,6 @@ _CLOSE_TIMEOUT = 0.3
 class Connections:
     """Serves the connections of clients.
 
-    Args:
-        handler: handles the frames of the clients.
-        config: the options; the limits are among them.
-
     Attributes:
         http_calls: answers HTTP requests.
     """
@@ -184,7 +180,6 @@ class Ports:
 
     Args:
         config: the address and the ports.
-        connections: serves the connections.
 
     Attributes:
         port: port of WebSocket and HTTP; 0 before `listen` if any free port may be used.

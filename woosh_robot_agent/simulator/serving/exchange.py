@@ -126,7 +126,6 @@ class Client(ConnectedClient):
     """The simulator's end of one connection.
 
     Args:
-        transport: the open connection.
         max_outbox: maximum number of frames that wait. A client that exceeds it is dropped.
 
     Attributes:
@@ -212,7 +211,6 @@ class Request:
     """A decoded request of a client, or its subscription.
 
     Attributes:
-        client: the client.
         codec: codec of the frame and of its answer.
         type: type of the body in the frame's envelope; `SUBSCRIPTION_TYPE` for a subscription.
         sn: serial number; 0 if there is none, as in subscriptions and over HTTP.
@@ -232,7 +230,6 @@ class MessageHandler:
     """Executes the requests of the clients, and pushes messages to them.
 
     Args:
-        chassis: executes the requests.
         max_waiting: maximum of `Client.waiting`. Further requests are refused.
 
     Attributes:
@@ -330,9 +327,7 @@ class MessageHandler:
     def report_changes(self, *, while_moving: bool) -> None:
         """Push all new events, the reports that are due, and the states that have changed.
 
-        Args:
-            while_moving: True to include PoseSpeed, which changes with every step of a moving
-                robot.
+        PoseSpeed, which changes with every step of a moving robot, only if `while_moving`.
         """
         self._push_events()
         for message in self._watch.take_changes(while_moving=while_moving):

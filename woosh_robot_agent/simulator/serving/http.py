@@ -61,7 +61,6 @@ class HttpTransport:
     """A `ServerTransport` for one HTTP call. Its only frame is the body of the response.
 
     Args:
-        connection: the connection.
         status: status of the response.
 
     Attributes:
@@ -124,8 +123,6 @@ class HttpCalls:
     """Answers HTTP requests, by the same handlers as requests over a WebSocket.
 
     Args:
-        handler: executes the requests.
-        config: the options; the limits are among them.
         wait_readable: waits while the connections are paused.
         writable: set while frames are sent, i.e. neither paused nor frozen.
     """
@@ -162,7 +159,7 @@ class HttpCalls:
             return web.Response()  # goes nowhere: the connection is closed
         self._arriving += 1
         try:
-            if request.headers.get("Expect", "").lower() == "100-continue":  # curl, if it is large
+            if request.headers.get("Expect", "").lower() == "100-continue":  # curl, large body
                 await connection.write(b"HTTP/1.1 100 Continue\r\n\r\n")
             data = await run_with_timeout(_BODY_TIMEOUT, self._body(request))
         except TimeoutError as error:

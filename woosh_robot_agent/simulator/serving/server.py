@@ -15,9 +15,9 @@ from woosh_robot_agent.simulator.serving.exchange import Hooks, MessageHandler
 _LOG = logging.getLogger(__name__)
 
 _MIN_STEP = 0.005
-"""Real duration of a step from which on the simulated time also advances within a step, in seconds.
+"""Minimum real duration of a step within which the simulated time advances too, in seconds.
 
-Within shorter steps, i.e. at a higher speed, nothing happens: the time advances by whole steps.
+At a higher speed, steps are shorter, and the time advances by whole steps.
 """
 
 _ROUND_DURATION = 0.02
@@ -40,7 +40,6 @@ class Server:
         config: the options; None for the defaults.
 
     Attributes:
-        config: the options.
         chassis: the model of the robot.
         speed: simulated seconds per real second, above 0. It can be changed at any time.
     """
@@ -121,25 +120,15 @@ class Server:
         self.push_changes()
 
     def set_key_switch(self, manual: bool, *, accept: bool = False) -> None:
-        """Turn the key switch to manual, or to automatic.
+        """Turn the key switch to manual, which overrides the control mode, or to automatic (False).
 
-        At manual, it overrides the control mode and switches the motors off.
-
-        Args:
-            manual: True for manual, False for automatic.
-            accept: True to accept requests at manual, instead of refusing them. The motors stay
-                off.
+        At manual the motors are off; with `accept`, requests are accepted although nothing moves.
         """
         self.chassis.set_key_switch(manual, accept=accept)
         self.push_changes()
 
     def hold_remote_keys(self, keys: int, address: int = 1) -> None:
-        """Hold down keys of a radio remote controller, until the next call.
-
-        Args:
-            keys: one bit for each key; 0 releases all keys.
-            address: address of the controller.
-        """
+        """Hold down keys of a radio remote controller: one bit each, 0 to release all."""
         self.chassis.hold_remote_keys(keys, address)
         self.push_changes()
 

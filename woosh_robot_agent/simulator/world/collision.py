@@ -31,11 +31,7 @@ class Obstacles:
     def put(self, name: str, x: float, y: float, radius: float = 0.3) -> None:
         """Add an obstacle, or move and resize the obstacle of the same name.
 
-        Args:
-            name: name by which the obstacle can be moved and removed.
-            x: x of the centre in the map's frame, in metres.
-            y: y of the centre in the map's frame, in metres.
-            radius: radius of the circle around the obstacle, in metres.
+        Its corners are on the circle with the centre (x, y) and this radius, in metres.
 
         Raises:
             ValueError: a number is not finite, or the radius is not positive.
@@ -49,11 +45,7 @@ class Obstacles:
         self._join_sides()
 
     def remove(self, name: str) -> None:
-        """Remove an obstacle.
-
-        Raises:
-            KeyError: there is no obstacle of this name.
-        """
+        """Remove an obstacle; raise KeyError if there is none of this name."""
         del self._circles[name], self._sides[name]
         self._join_sides()
 

@@ -36,8 +36,6 @@ class Mark:
         id: identifier, unique in its map.
         number: number by which tasks name the mark; any string.
         pose: pose of a robot that stands at the mark, in the map's frame.
-        kind: kind of the mark.
-        description: description for people.
         storage: all data of the mark, if they came as a message; else None.
     """
 

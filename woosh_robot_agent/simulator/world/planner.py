@@ -119,7 +119,6 @@ class Lattice:
             last: places where the path can end, all near the goal.
             goal: position of the goal, in metres.
             blocked: bytes for all places, as from `blocked_places`: the path avoids those with 1.
-            budget: limit of the search.
 
         Raises:
             SearchBudgetError: the budget was used up before the search ended.
