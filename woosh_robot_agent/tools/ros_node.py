@@ -26,9 +26,6 @@ class NodeThread:
         args: command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default from the environment.
 
-    Attributes:
-        node: the node.
-
     Raises:
         Exception: the namespace or the arguments are invalid; the type is rclpy's.
     """

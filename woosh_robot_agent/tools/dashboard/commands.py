@@ -50,11 +50,7 @@ _MAX_NUMBER = 2**32 - 1
 
 
 class CommandError(ValueError):
-    """A command is refused.
-
-    Args:
-        text: the reason.
-    """
+    """A command is refused, for the reason in `text`."""
 
     def __init__(self, text: Text) -> None:
         super().__init__(text)
@@ -119,8 +115,8 @@ def _truth(args: Args, name: str) -> bool:
     return value
 
 
-# The stubs of protobuf do not take the number that `_choice` returns for an enum, so the commands
-# pass the name of the value.
+# The stubs of protobuf do not accept a number for an enum. So the commands look up the name of the
+# number that `_choice` returns.
 
 
 def _choice(args: Args, name: str, choices: Mapping[str, int], default: str | None = None) -> int:
@@ -187,10 +183,6 @@ def _go_to_mark(args: Args, _info: RobotInfo) -> Message:
     return request
 
 
-def _charge(args: Args, _info: RobotInfo) -> Message:
-    return _task(args, "charge")  # the robot chooses where
-
-
 def _tell_pose(args: Args, info: RobotInfo) -> Message:
     """Return the request that sets the robot's pose: InitRobot if it is not initialised."""
     request = InitRobot() if info.state == robot.kUninit else SetRobotPose()
@@ -252,7 +244,7 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
     {
         "go": Command(_go, on_map=True),
         "goMark": Command(_go_to_mark, on_map=True),
-        "charge": Command(_charge),
+        "charge": Command(lambda args, _: _task(args, "charge")),  # the robot chooses where
         "setPose": Command(_tell_pose, on_map=True),
         # tells the robot that it is where it was when it was switched off
         "keepPose": Command(lambda *_: InitRobot(is_record=True)),

@@ -420,6 +420,7 @@ class Control:
         viewer.end_press(press, Text("reason.said", text=text))
 
     def _stick_refused(self, reason: str) -> None:
+        """End the press whose velocity `VelocityDriver` has refused."""
         if self.owner is not None and self.owner.ended_press < self._press:  # told once
             self._end_press(Text("reason.said", text=reason))
 

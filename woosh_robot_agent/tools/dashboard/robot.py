@@ -133,7 +133,7 @@ class Robot:
             ("pose", lambda: part_data.pose_data(self.view.info)),
             ("robot", lambda: part_data.robot_data(self.view)),
             ("outline", lambda: part_data.outline_data(self.view.info)),
-            ("path", self._path_data),
+            ("path", lambda: part_data.path_data(self.view) if self._is_path_valid else []),
             ("codes", lambda: part_data.codes_data(self.view, self._code_times)),
             ("map", lambda: self.map.data(*self._map_use)),
             ("scenes", self.map.scenes_data),
@@ -313,7 +313,7 @@ class Robot:
         """Keep the map up to date, and request the path that the robot follows if it is unknown."""
         asking: asyncio.Task[None] | None = None
         while True:
-            # also for a robot that nobody watches: its link may be lost when somebody watches it
+            # also for a robot that nobody watches: it may have no link when somebody does
             await self._shared.wait_watched()
             self.map.update(*self._map_use)
             # robots push the path only when it changes, which may have been before the connection
@@ -376,9 +376,6 @@ class Robot:
         except LinkError:
             return None
         return answer.body if answer.ok and isinstance(answer.body, cls) else None
-
-    def _path_data(self) -> list[list[float]]:
-        return part_data.path_data(self.view) if self._is_path_valid else []
 
     def _link_data(self) -> dict[str, Any]:
         """Return the state of the link.

@@ -98,9 +98,6 @@ class Dashboard:
         config: the options.
         more_commands: functions for further commands of the page, e.g. for a simulator, by name.
             They take the arguments of the command.
-
-    Attributes:
-        robots: the robots.
     """
 
     def __init__(

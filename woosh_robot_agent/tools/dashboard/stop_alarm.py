@@ -22,7 +22,7 @@ tell, because robots report none while they move sideways."""
 
 
 class StopAlarm:
-    """Remembers that a stop was not confirmed, until a later one is, or the robot stands still.
+    """Remembers that a stop was not confirmed, until a later stop is, or the robot stands still.
 
     A robot that executes an action, e.g. moves a lift, does not stand still.
 
@@ -71,7 +71,7 @@ class StopAlarm:
         self._on_answered()
 
     def _restart_standstill(self) -> None:
-        """Let the time for which the robot must stand still begin now, where it is now."""
+        """Begin the time for which the robot must stand still: now, and at its present pose."""
         self._maybe_moving_at = asyncio.get_running_loop().time()
         self._received = self._robot.chassis.stats.rx
         self._pose = part_data.pose_data(self._robot.view.info)

@@ -70,11 +70,7 @@ class Result:
 
 
 class CheckFailedError(Exception):
-    """A check failed on which all later checks depend.
-
-    Attributes:
-        result: result of the check.
-    """
+    """A check failed on which all later checks depend; `result` is its result."""
 
     def __init__(self, text: str, remedy: str) -> None:
         super().__init__(text)

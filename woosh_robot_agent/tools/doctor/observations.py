@@ -168,7 +168,7 @@ class Observations:
         self._latest: dict[str, Message] = {}
         """The last message of each type, received by itself or inside a RobotInfo."""
         self._counts: Counter[str] = Counter()
-        """Number of messages of each type, counted in the same way."""
+        """Number of messages of each type, those inside a RobotInfo included."""
         for frame in frames:
             self.add(frame)
 

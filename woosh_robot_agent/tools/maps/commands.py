@@ -50,11 +50,7 @@ _M = TypeVar("_M", bound=Message)
 
 
 class MapLibrary:
-    """The scenes and maps that one robot has stored.
-
-    Args:
-        chassis: the link, which must be ready.
-    """
+    """The scenes and maps that one robot has stored; the link `chassis` must be ready."""
 
     def __init__(self, chassis: ChassisClient) -> None:
         self.chassis = chassis
@@ -110,13 +106,9 @@ class MapLibrary:
 def _progress(
     chassis: ChassisClient, text: str, size: int | None = None
 ) -> AbstractContextManager[None]:
-    """Show a progress bar while the block runs.
+    """Show a progress bar while the block runs, with a text before it.
 
-    Args:
-        chassis: the link.
-        text: text before the bar.
-        size: size of the files to upload, in bytes; None for a download, whose size is not known
-            in advance.
+    `size` is that of the files to upload, in bytes; None for a download, whose size is not known.
     """
     received_before, _ = chassis.traffic()
     # The frame of an upload is larger than the files in it, so the bar shows the sent share of the

@@ -300,10 +300,9 @@ class RecordingFiles:
             self._apply_limits(log_time, size)  # the start of the next file may reach `max_size`
 
     def _exceeded_limit(self, size: int) -> str:
-        """Return the limit that would be exceeded if the current file had a size, in bytes.
+        """Return the limit that the current file would exceed with a size of `size` bytes.
 
-        Returns:
-            "max_size" for the limit of all files together, "split_size", or empty for none.
+        It is "max_size", the limit of all files together, or "split_size"; empty for none.
         """
         if self._closed_size + size > self._limits.max_size:
             return "max_size"

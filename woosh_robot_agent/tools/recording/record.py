@@ -71,9 +71,6 @@ Ctrl-C ends the recording."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record until SIGINT or SIGTERM, or for the time of `--duration`.
 
-    Args:
-        arguments: arguments of the program; by default from the command line.
-
     Returns:
         The exit status. 1 if the recording could not start or ended early, if frames or ROS
         messages were lost, or if none came: no frame of the robot, or with `--ros` no ROS message.

@@ -107,8 +107,7 @@ class WebSocketParser:
 class DelimitedParser:
     """Parser of one direction of delimited protobuf: before each frame comes its size, as a varint.
 
-    Args:
-        max_size: maximum size of a frame, in bytes.
+    `max_size` is the maximum size of a frame, in bytes.
     """
 
     def __init__(self, max_size: int) -> None:

@@ -63,7 +63,7 @@ from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_cha
 
 _LOG = logging.getLogger(__name__)
 _ANSWERS = {command.request: command.answer for command in COMMANDS if command.two_types}
-"""Types of answers whose frames may name the type of the request instead, by that type."""
+"""Types of answers, by type of the request: those whose frames may name the type of the request."""
 _MAX_TIMESTAMP = 2**63 // 1_000_000
 """Timestamp from which a time is invalid, in ms: viewers cannot represent it in ns."""
 
@@ -345,7 +345,7 @@ class MapFinder:
                     yield FoundMap(area, is_saved=True, is_current=area is current)
 
     def _current_map(self, data: SceneData) -> SceneData.Map | None:
-        """Return the current map if the scene has it; its only map while no scene is known."""
+        """Return the current map if `data` has it; its only map while none is known as current."""
         current = self._current
         if not current.scene_name:
             return data.maps[0] if len(data.maps) == 1 else None

@@ -39,7 +39,7 @@ _LOG = logging.getLogger(__name__)
 _THINNED = (PoseSpeed, ScannerData)
 """Types whose views are limited in rate, because an eye cannot follow them at the highest rates.
 
-These types have no maps or metadata: of a message whose view is delayed, only the view is written.
+They contain no maps or metadata, so `_add_waiting_views` has only views to write.
 """
 _VIEW_PERIOD = 20_000_000
 """Minimum time between two views of a type in `_THINNED`, in ns."""
