@@ -348,10 +348,8 @@ def _row(
     An asterisk after the name marks an endpoint that the manufacturer's agent lacks.
 
     Args:
-        endpoint: the endpoint.
         ros_type: package and name of the ROS type, e.g. `woosh_robot_msgs/RobotInfo`.
         folder: folder of the type in its package: `msg`, `srv` or `action`.
-        message: protobuf full name of the chassis message.
     """
     name = f"{endpoint.name}\\*" if endpoint.extra else endpoint.name
     return (name, ros_type.replace("/", f"/{folder}/"), message)

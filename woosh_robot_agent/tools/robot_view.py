@@ -114,7 +114,6 @@ class LinkReport:
 
     Attributes:
         good: False if the shown values may be outdated, because the connection is down.
-        text: state of the connection in words.
         detail: counters or advice; may be empty.
     """
 

@@ -103,7 +103,6 @@ class Access:
        then from the cookie that the page sets. Each role has its own token.
 
     Args:
-        host: the address that is listened on.
         is_encrypted: True if the page is served over HTTPS.
         control: True if the role CONTROL exists. Otherwise its token gives the role LOOK.
         tokens: token of each role, used only if other machines can connect.

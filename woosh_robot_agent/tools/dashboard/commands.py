@@ -63,7 +63,8 @@ def number(args: Args, name: str, limit: float, least: float | None = None) -> f
     Raises:
         CommandError: it is missing or something else.
     """
-    value, least = args.get(name), -limit if least is None else least
+    value = args.get(name)
+    least = -limit if least is None else least
     valid = isinstance(value, int | float) and not isinstance(value, bool)
     if not valid or not least <= value <= limit:  # type: ignore[operator]
         raise _invalid(_NO_NUMBER(name=name, least=f"{least:g}", greatest=f"{limit:g}"))
@@ -123,8 +124,6 @@ def _choice(args: Args, name: str, choices: Mapping[str, int], default: str | No
     """Return the number of the choice that an argument names.
 
     Args:
-        args: the arguments.
-        name: name of the argument.
         choices: number of each choice.
         default: choice if the argument is missing; None if it must not be missing.
 

@@ -77,7 +77,6 @@ class Robot:
     are requested while a viewer watches this robot, the map while a viewer watches any robot.
 
     Args:
-        config: address and timeouts of the robot.
         shared: the parts that are not about a single robot; every viewer watches them.
         control: True if the robot may be commanded. Otherwise the client of the link refuses every
             request that could change or move something.
@@ -85,10 +84,8 @@ class Robot:
         update_period: minimum time between two updates of the viewers, in seconds.
 
     Attributes:
-        chassis: the link.
         view: state of the robot as received so far.
         requests: creates requests, with the robot's id if an id is configured.
-        map: the map of the robot.
         parts: the parts about this robot, which its viewers watch.
         silence: time for which the robot has been connected but has sent nothing, in whole seconds;
             0 while no viewer watches any robot.

@@ -94,8 +94,6 @@ class Dashboard:
     """A page that shows robots, at a port. Runs in the current event loop.
 
     Args:
-        robots: address and timeouts of each robot.
-        config: the options.
         more_commands: functions for further commands of the page, e.g. for a simulator, by name.
             They take the arguments of the command.
     """
@@ -451,11 +449,7 @@ class Dashboard:
     ) -> Coroutine[Any, Any, Outcome]:
         """Return the execution of a command for the robot that the viewer watches.
 
-        Args:
-            viewer: the viewer that sent the command.
-            name: name of the command.
-            args: arguments of the command.
-            clock: newest time of this process that the page had received before, in milliseconds.
+        `clock` is the newest time of this process that the page had received, in milliseconds.
 
         Raises:
             CommandError: the command is refused.

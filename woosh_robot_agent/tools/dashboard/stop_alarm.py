@@ -26,9 +26,7 @@ class StopAlarm:
 
     A robot that executes an action, e.g. moves a lift, does not stand still.
 
-    Args:
-        robot: the robot.
-        on_answered: called after each answer to a stop.
+    `on_answered` is called after each answer to a stop.
     """
 
     def __init__(self, robot: Robot, on_answered: Callable[[], None]) -> None:
@@ -59,10 +57,8 @@ class StopAlarm:
     def answered(self, report: StopReport, given: float) -> None:
         """Raise the alarm if a stop was not confirmed, otherwise end it.
 
-        Args:
-            report: the answers to the stop.
-            given: loop time at which it was given. If a later stop is answered already, the alarm
-                does not change.
+        `given` is the loop time at which the stop was given. If a later stop is answered already,
+        the alarm does not change.
         """
         if given >= self._given:
             self._given = given

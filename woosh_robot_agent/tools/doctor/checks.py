@@ -57,7 +57,6 @@ class Result:
     """Result of one check.
 
     Attributes:
-        status: outcome.
         text: what was found.
         remedy: what to do about it; empty if nothing has to be done.
         check: name of the check; empty in the results of the checks below, filled in by `examine`.
@@ -87,7 +86,6 @@ class RobotInfoAnswer(NamedTuple):
     """The robot's answer to the request for RobotInfo.
 
     Attributes:
-        info: body of the answer.
         skew: time by which the robot's clock is ahead of this computer's, in seconds; None if the
             answer carries no time.
         round_trip: time from request to answer, in seconds.
@@ -323,7 +321,6 @@ async def _link_error(
     proxy or firewall refuses the WebSocket.
 
     Args:
-        config: address and timeouts of the robot.
         text: what is wrong if no chassis answers HTTP either.
         remedy: what to do about it then.
         reason: why the link did not open, for the error if a chassis answers HTTP; by default
@@ -368,7 +365,6 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
 
     Args:
         config: address of the robot, and the timeout of the connection.
-        request: the request.
         timeout: timeout of the answer, in seconds.
 
     Returns:

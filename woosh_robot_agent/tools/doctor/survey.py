@@ -79,7 +79,6 @@ class _Survey:
     """A running survey.
 
     Attributes:
-        seen: observations so far.
         http: answers over HTTP, by query; None for a query that was not answered.
         lost: number of connections that were lost.
     """
@@ -300,9 +299,7 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     """Make a survey, until its time is over or a signal arrives, and write its results.
 
     Args:
-        config: address and timeouts of the robot.
         folder: folder for the results; must be empty or not exist yet.
-        minutes: duration, in minutes.
         with_names: True to keep what could identify the robot or its site.
 
     Returns:

@@ -164,7 +164,6 @@ async def download(library: MapLibrary, names: Sequence[str], output: Path, *, f
     """Save scenes in folders.
 
     Args:
-        library: the scenes of the robot.
         names: names of scenes, or of maps whose scenes are saved; empty for all scenes.
         output: folder in which a folder is created for each scene.
         force: True to replace scenes that were saved there before.
@@ -195,8 +194,6 @@ async def upload(
     """Upload saved scenes to the robot.
 
     Args:
-        library: the scenes of the robot.
-        folders: folders of the scenes.
         new_name: name of the scene on the robot; empty for its saved name.
         force: True to replace scenes on the robot.
     """

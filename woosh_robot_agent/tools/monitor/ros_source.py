@@ -46,10 +46,6 @@ class _RepeatedCall:
     """Repeated call of a service, with at most one call in flight.
 
     Args:
-        node: rclpy's node.
-        srv: ROS type of the service.
-        name: name of the service.
-        request: the request.
         timeout: time after which a call without a response is given up, in seconds, because DDS
             can lose the first request.
         on_response: called with each response.

@@ -271,7 +271,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             stack.push_async_callback(client.close)
             client.start()
         await asyncio.wait({asyncio.ensure_future(stop.wait())}, timeout=options.duration)
-        stop.set()
+        stop.set()  # for `on_early_end`, if the time of --duration is over
     failed = _report_frames(writer, config, options)
     if ros_recorder is not None:
         failed |= _report_ros(ros_recorder, options.ros)

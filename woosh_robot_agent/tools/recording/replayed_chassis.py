@@ -94,11 +94,8 @@ class ReplayedChassis:
     After the end of the recording, clients still get answers.
 
     Args:
-        playback: the recording.
-        host: address to listen on.
         port: port of the WebSocket transport; 0 for any free port.
         tcp_port: port of the TCP transport; 0 for any free port.
-        speed: speed of the playback as a factor.
         loop: True to drop all clients and start again when the recording ends.
         wait_for_commands: True to pause also at each recorded command until a client sends a
             command of its type.

@@ -73,7 +73,6 @@ class DecodedFrame(NamedTuple):
 
     Attributes:
         channel: channel for this type of message from this side.
-        message: the message.
         sent: time of sending by the sender's clock, as Unix time in ns; None if the frame has no
             valid time.
     """
@@ -151,8 +150,6 @@ class View(NamedTuple):
     """A message for display, and its channel.
 
     Attributes:
-        channel: channel of the message.
-        message: the message.
         state: key of a view that stays valid until the next view with this key. Such a view is
             repeated at the start of each file of a split recording. Empty for any other view.
     """
@@ -304,7 +301,6 @@ class PreparedMap(NamedTuple):
     """A map as it is written: files for map_server, which are attached, and a view.
 
     Attributes:
-        name: name of the map.
         files: contents of the files for map_server, by name; empty if the map is not saved yet.
         view: view of the map; None if it is not the current one, or too large.
     """
@@ -360,11 +356,8 @@ class MapFinder:
 def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
     """Return the files and the view of a map; log a map that is not usable, and return None.
 
-    Decoding a large image takes long: call it in a thread of its own.
-
-    Args:
-        found: the map.
-        time: time of recording, as Unix time in ns.
+    Decoding a large image takes long: call it in a thread of its own. `time` is the Unix time of
+    recording, in ns.
     """
     area = found.area
     try:
