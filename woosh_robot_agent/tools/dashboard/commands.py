@@ -259,7 +259,7 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
         "switchMap": Command(_switch_map),
         "buildMap": Command(_build_map),
         "saveMap": Command(lambda *_: BuildMap(type=BuildMap.kSave)),
-        "discardMap": Command(lambda *_: BuildMap(type=BuildMap.kCanel)),
+        "discardMap": Command(lambda *_: BuildMap(type=BuildMap.kCanel)),  # spelled so
         "collectMark": Command(lambda *_: Deployment(type=kMark, mode=kDepCollect)),
     }
 )

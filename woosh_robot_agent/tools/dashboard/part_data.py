@@ -1,6 +1,7 @@
 """Make the data of the page's parts: numbers, names and lists for JSON, and the binary scan.
 
-Names of states and modes are English words; the page translates them into its language.
+Names of states and modes are English words; the page translates them into its language. The fields
+`genral` and `nav_filed` are spelled so in the robot's messages.
 """
 
 from __future__ import annotations

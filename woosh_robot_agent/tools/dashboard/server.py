@@ -124,7 +124,7 @@ class Dashboard:
             each: Control(each, config.control_config, lambda: self._shared.publish("fleet"))
             for each in self.robots
         }
-        self._max_viewers = config.max_viewers + len(robots)  # one that controls each robot
+        self._max_viewers = config.max_viewers + len(robots)  # and one that controls each robot
         self._viewers: set[Viewer] = set()
         self._viewer_count = 0
         """Number of viewers accepted so far."""

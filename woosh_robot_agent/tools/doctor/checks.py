@@ -183,7 +183,7 @@ def _robot_info_in(codec: Codec, answer: Envelope, config: LinkConfig) -> RobotI
 
 def check_identity(answer: RobotInfoAnswer) -> Result:
     """Report which robot has answered; never fails."""
-    general = answer.info.genral
+    general = answer.info.genral  # spelled so in the robot's messages
     parts = [
         f"robot {answer.info.robot_id or general.serial_number}",
         general.display_model,
@@ -466,9 +466,9 @@ def check_emergency_stop(info: RobotInfo) -> Result:
 
 def check_taskable(info: RobotInfo) -> Result:
     """Check whether the robot would accept a new task."""
-    reported_by_others = {*_MODE_OBJECTIONS, NOT_INITIALISED, LOST, EMERGENCY_STOP}
+    reported_above = {*_MODE_OBJECTIONS, NOT_INITIALISED, LOST, EMERGENCY_STOP}  # by other checks
     found = all_objections(info)
-    if others := [objection for objection in found if objection not in reported_by_others]:
+    if others := [objection for objection in found if objection not in reported_above]:
         return _failed(others)
     if found:
         return Result(

@@ -106,7 +106,7 @@ class MapLibrary:
 def _progress(
     chassis: ChassisClient, text: str, size: int | None = None
 ) -> AbstractContextManager[None]:
-    """Show a progress bar while the block runs, with a text before it.
+    """Show a text and a progress bar while the block runs.
 
     `size` is that of the files to upload, in bytes; None for a download, whose size is not known.
     """
