@@ -65,10 +65,8 @@ _ROS_OPTION = (
 def main(args: list[str] | None = None) -> int:
     """Run the agents until SIGINT or SIGTERM; return the exit status.
 
-    After its return, these signals are ignored, because the process is about to end.
-
-    Args:
-        args: arguments of the command line; None for the arguments of this process.
+    After its return, these signals are ignored, because the process is about to end. `args` are by
+    default the arguments of the command line.
     """
     open_standard_streams()
     if problem := descriptor_problem():
@@ -249,8 +247,8 @@ class Heap:
 
     A large frame is copied several times on its way. Getting new memory from the system for each
     copy would take several times as long as the copying. Therefore the heap keeps freed memory, and
-    `trim` returns it to the system shortly afterwards. All threads share one heap, because glibc
-    returns the unused end of the first one only.
+    `trim` returns it to the system shortly afterwards. All threads share one heap: glibc would not
+    return the unused end of another one.
 
     Does nothing with other C libraries than glibc 2.33 and later.
     """

@@ -100,16 +100,7 @@ def load_yaml(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
 
 
 def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
-    """Return the content of a JSON file.
-
-    Args:
-        name: name of the file, for errors.
-        data: content of the file.
-        max_bytes: maximum size of the file, in bytes.
-
-    Raises:
-        DataFileError: the file is not JSON, too large or too deeply nested.
-    """
+    """Return the content of a JSON file; arguments and errors are as for `load_yaml`."""
     _check_size(name, data, max_bytes)
     try:
         return json.loads(data)

@@ -19,7 +19,6 @@ class Query:
     """A service that requests a value from the chassis.
 
     Attributes:
-        name: name of the service.
         srv: ROS type of the service; the response has exactly one field.
         request: protobuf full name of the request and of the answer.
         field: name of the response's field.
@@ -43,7 +42,6 @@ class Command:
     """A service that makes the chassis do something, or requests a value that `arg` specifies.
 
     Attributes:
-        name: name of the service.
         srv: ROS type of the service. The request has the field `arg`, the response `ok`, `msg` and
             optionally `ret`.
         request: protobuf full name of the request.
@@ -71,8 +69,6 @@ class Topic:
     """A topic on which the pushes of one type are published.
 
     Attributes:
-        name: name of the topic.
-        msg: ROS type of the topic.
         push: protobuf full name of the push; empty if the agent publishes about itself.
         depth: number of messages that late subscribers receive.
         on_demand: True if the pushes are large: the agent asks the chassis for them only while the
@@ -93,7 +89,6 @@ class Action:
     """An action that the chassis executes and reports on.
 
     Attributes:
-        name: name of the action.
         action: ROS type of the action. Its goal has the field `arg`, its result `ret`, and its
             feedback `fb`.
         arg: protobuf full name of the goal's `arg`.
@@ -353,10 +348,8 @@ def _row(
     An asterisk after the name marks an endpoint that the manufacturer's agent lacks.
 
     Args:
-        endpoint: the endpoint.
         ros_type: package and name of the ROS type, e.g. `woosh_robot_msgs/RobotInfo`.
         folder: folder of the type in its package: `msg`, `srv` or `action`.
-        message: protobuf full name of the chassis message.
     """
     name = f"{endpoint.name}\\*" if endpoint.extra else endpoint.name
     return (name, ros_type.replace("/", f"/{folder}/"), message)

@@ -27,7 +27,6 @@ class Parameter:
     """A parameter of the agent.
 
     Attributes:
-        name: ROS name.
         default: default, which also determines the type. A tuple of numbers is an array of that
             length, a tuple of strings an array of any number of names.
         description: meaning and unit, one sentence.
@@ -325,12 +324,7 @@ _LINK_PARAMETERS = (
 
 @dataclass(frozen=True)
 class Settings:
-    """The checked values of all parameters.
-
-    Attributes:
-        link: configuration of the link.
-        standard: settings of the standard layer.
-    """
+    """The checked values of all parameters; `standard` has those of the standard layer."""
 
     link: LinkConfig
     standard: StandardSettings

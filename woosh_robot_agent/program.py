@@ -77,10 +77,8 @@ def open_standard_streams() -> None:
 def descriptor_problem(robots: int = 1) -> str:
     """Return a message with the remedy if the limit of file descriptors is too low, otherwise "".
 
-    Beyond the limit, libraries fail silently, or with errors that do not tell why.
-
-    Args:
-        robots: number of robots that the agent connects to.
+    `robots` is the number of robots that the agent connects to. Beyond the limit, libraries fail
+    silently, or with errors that do not tell why.
     """
     limit, needed = resource.getrlimit(resource.RLIMIT_NOFILE)[0], _DESCRIPTORS + robots - 1
     if limit >= needed or limit == resource.RLIM_INFINITY:

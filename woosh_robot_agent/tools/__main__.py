@@ -25,11 +25,9 @@ _MODULES = {
 
 
 def start(name: str, arguments: Sequence[str] | None = None) -> int:
-    """Run a program; return its exit status.
+    """Run the program `name`; return its exit status.
 
-    Args:
-        name: name of the program.
-        arguments: arguments of the program; by default from the command line.
+    The arguments are by default those of the command line, as for the `main` of each program.
     """
 
     def main() -> int:

@@ -50,7 +50,6 @@ def add_link_options(
     """Add `--ip` and the other options of the link to a parser.
 
     Args:
-        parser: the parser.
         ip_required: True if `--ip` must be given.
         for_subparser: True for a subparser whose main parser has the options too. The options may
             come before or after the command; the main parser has their defaults and their help.
@@ -105,10 +104,7 @@ def link_config(
 ) -> LinkConfig:
     """Return the configuration of the link; an invalid option ends the program.
 
-    Args:
-        parser: the parser of the options.
-        options: the options.
-        address: address of the robot; by default `options.ip`, which must then be one `Address`.
+    The address is by default `options.ip`, which must then be one `Address`.
     """
     ip, port = options.ip if address is None else address
     try:

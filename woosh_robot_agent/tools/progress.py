@@ -23,8 +23,9 @@ def progress_bar(
 
     Args:
         text: text before the bar.
-        total: value of `completed` at the end; None if it is not known.
-        update: returns what has changed, as arguments of `rich.progress.Progress.update`.
+        total: the work to do; None if it is not known.
+        update: returns the changed arguments of `rich.progress.Progress.update`, e.g. `completed`,
+            the work done so far.
         columns: columns after the bar.
     """
     bar = Progress(

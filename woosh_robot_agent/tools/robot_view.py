@@ -40,7 +40,7 @@ class RobotView:
         self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
         self.actions: RecentDict[str, Feedback] = RecentDict(_MAX_ACTIONS)
         self.values = LastKnown()  # filled by `update`
-        # so that `info` has the parts that arrive before the first RobotInfo
+        # an empty one, into which parts are merged that arrive before the first RobotInfo
         self.values.remember(RobotInfo())
         self.is_empty = True
         self.has_robot_info = False
@@ -114,7 +114,6 @@ class LinkReport:
 
     Attributes:
         good: False if the shown values may be outdated, because the connection is down.
-        text: state of the connection in words.
         detail: counters or advice; may be empty.
     """
 

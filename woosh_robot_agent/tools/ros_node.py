@@ -21,13 +21,9 @@ class NodeThread:
     """A ROS node with a context of its own, whose callbacks run in a thread of its own.
 
     Args:
-        name: name of the node.
         namespace: namespace of the node, unless the arguments set another namespace.
         args: command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default from the environment.
-
-    Attributes:
-        node: the node.
 
     Raises:
         Exception: the namespace or the arguments are invalid; the type is rclpy's.

@@ -103,7 +103,6 @@ class Access:
        then from the cookie that the page sets. Each role has its own token.
 
     Args:
-        host: the address that is listened on.
         is_encrypted: True if the page is served over HTTPS.
         control: True if the role CONTROL exists. Otherwise its token gives the role LOOK.
         tokens: token of each role, used only if other machines can connect.
@@ -142,7 +141,7 @@ class Access:
         return ""
 
     def role(self, request: web.BaseRequest) -> Role | None:
-        """Return the role of the sender of a request; None if it has no valid token."""
+        """Return the role of the sender of a request; None if it needs a token and has none."""
         given = self._role_of(request.query.get("token", "")) or self._cookie_role(request)
         role = given if self.tokens else Role.CONTROL
         return role if self._control or role is None else Role.LOOK
@@ -198,8 +197,10 @@ _INPUT_BURST = 64 * 1024
 """Number of bytes that may arrive on a connection at once."""
 
 _MAX_WAITING = 4096
-"""Maximum number of bytes that wait to be sent on a WebSocket when a further message is written, in
-this process, and also in the system."""
+"""Number of bytes waiting to be sent on a WebSocket above which no further message is written.
+
+It applies to the bytes that wait in this process, and separately to those in the system.
+"""
 
 
 class LimitedConnection(asyncio.Protocol):

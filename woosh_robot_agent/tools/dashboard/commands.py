@@ -50,11 +50,7 @@ _MAX_NUMBER = 2**32 - 1
 
 
 class CommandError(ValueError):
-    """A command is refused.
-
-    Args:
-        text: the reason.
-    """
+    """A command is refused, for the reason in `text`."""
 
     def __init__(self, text: Text) -> None:
         super().__init__(text)
@@ -67,7 +63,8 @@ def number(args: Args, name: str, limit: float, least: float | None = None) -> f
     Raises:
         CommandError: it is missing or something else.
     """
-    value, least = args.get(name), -limit if least is None else least
+    value = args.get(name)
+    least = -limit if least is None else least
     valid = isinstance(value, int | float) and not isinstance(value, bool)
     if not valid or not least <= value <= limit:  # type: ignore[operator]
         raise _invalid(_NO_NUMBER(name=name, least=f"{least:g}", greatest=f"{limit:g}"))
@@ -119,16 +116,14 @@ def _truth(args: Args, name: str) -> bool:
     return value
 
 
-# The stubs of protobuf do not take the number that `_choice` returns for an enum, so the commands
-# pass the name of the value.
+# The stubs of protobuf do not accept a number for an enum. So the commands look up the name of the
+# number that `_choice` returns.
 
 
 def _choice(args: Args, name: str, choices: Mapping[str, int], default: str | None = None) -> int:
     """Return the number of the choice that an argument names.
 
     Args:
-        args: the arguments.
-        name: name of the argument.
         choices: number of each choice.
         default: choice if the argument is missing; None if it must not be missing.
 
@@ -185,10 +180,6 @@ def _go_to_mark(args: Args, _info: RobotInfo) -> Message:
     request = _task(args, "pick")
     request.mark_no = _text(args, "mark")
     return request
-
-
-def _charge(args: Args, _info: RobotInfo) -> Message:
-    return _task(args, "charge")  # the robot chooses where
 
 
 def _tell_pose(args: Args, info: RobotInfo) -> Message:
@@ -252,7 +243,7 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
     {
         "go": Command(_go, on_map=True),
         "goMark": Command(_go_to_mark, on_map=True),
-        "charge": Command(_charge),
+        "charge": Command(lambda args, _: _task(args, "charge")),  # the robot chooses where
         "setPose": Command(_tell_pose, on_map=True),
         # tells the robot that it is where it was when it was switched off
         "keepPose": Command(lambda *_: InitRobot(is_record=True)),
@@ -268,7 +259,7 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
         "switchMap": Command(_switch_map),
         "buildMap": Command(_build_map),
         "saveMap": Command(lambda *_: BuildMap(type=BuildMap.kSave)),
-        "discardMap": Command(lambda *_: BuildMap(type=BuildMap.kCanel)),
+        "discardMap": Command(lambda *_: BuildMap(type=BuildMap.kCanel)),  # spelled so
         "collectMark": Command(lambda *_: Deployment(type=kMark, mode=kDepCollect)),
     }
 )

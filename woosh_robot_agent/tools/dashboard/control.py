@@ -40,8 +40,6 @@ class Outcome(NamedTuple):
     """The outcome of a command.
 
     Attributes:
-        ok: True if the command succeeded.
-        text: a text for the viewer.
         data: data that the page requested, or the id of an accepted task; otherwise None.
     """
 
@@ -124,14 +122,11 @@ class Control:
        robot uses this map.
 
     Args:
-        robot: the robot.
-        config: limits and timeouts.
         on_card_changed: called when the robot's card in the fleet view may have changed: after each
             answer to a stop and each new speed limit.
 
     Attributes:
         owner: the viewer that has the control; None if no viewer has it.
-        tasks: the log of the robot's tasks.
         alarm: the alarm of a stop that is not confirmed.
         speed_limit: speed limit that a viewer has set, in m/s; None without one.
     """
@@ -402,6 +397,7 @@ class Control:
         return replace(self._limits, max_linear=linear)
 
     def _stopped(self) -> None:
+        """Note the beginning of a stop, and end the press."""
         self._stopped_at = asyncio.get_running_loop().time()
         self._end_press(Text("reply.stopping"))
 
@@ -420,6 +416,7 @@ class Control:
         viewer.end_press(press, Text("reason.said", text=text))
 
     def _stick_refused(self, reason: str) -> None:
+        """End the press whose velocity `VelocityDriver` has refused."""
         if self.owner is not None and self.owner.ended_press < self._press:  # told once
             self._end_press(Text("reason.said", text=reason))
 

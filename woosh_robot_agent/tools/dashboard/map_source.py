@@ -59,7 +59,6 @@ class MapSource:
     Call `update` repeatedly while somebody watches.
 
     Args:
-        chassis: the link.
         on_change: called when the picture, the error or the list of scenes has changed.
 
     Attributes:
@@ -87,8 +86,8 @@ class MapSource:
         self._unsubscribe: Callable[[], None] | None = None
         """Ends the subscription to the map that the robot is making."""
         self._scenes: list[SceneList.Scene] = []
-        self._list_task: asyncio.Task[None] | None = None
-        self._list_at = -math.inf
+        self._scenes_task: asyncio.Task[None] | None = None
+        self._scenes_due = -math.inf
         """Loop time from which the list of scenes is requested again."""
 
     def data(self, scene: Scene, mapping: bool) -> dict[str, Any]:
@@ -108,10 +107,10 @@ class MapSource:
 
     def close(self) -> None:
         """Stop requesting and receiving."""
-        for task in (self._picture_task, self._list_task):
+        for task in (self._picture_task, self._scenes_task):
             if task is not None:
                 task.cancel()
-        self._picture_task = self._list_task = None
+        self._picture_task = self._scenes_task = None
         self._end_subscription()
 
     def update(self, scene: Scene, mapping: bool) -> None:
@@ -122,7 +121,7 @@ class MapSource:
         """
         if self._chassis.state is not LinkState.READY:
             return
-        self._update_list()
+        self._update_scenes()
         if mapping:
             self._shown = None
             if self._unsubscribe is None:
@@ -138,17 +137,17 @@ class MapSource:
         if is_busy or loop.time() < self._not_before:
             return
         self._not_before = loop.time() + _RETRY_DELAY
-        self._start(self._request(wanted))
+        self._start_picture_task(self._request_map(wanted))
 
-    def _update_list(self) -> None:
+    def _update_scenes(self) -> None:
         loop = asyncio.get_running_loop()
-        is_busy = self._list_task is not None and not self._list_task.done()
-        if is_busy or loop.time() < self._list_at:
+        is_busy = self._scenes_task is not None and not self._scenes_task.done()
+        if is_busy or loop.time() < self._scenes_due:
             return
-        self._list_at = loop.time() + _LIST_PERIOD
-        self._list_task = loop.create_task(self._request_list(), name="scenes")
+        self._scenes_due = loop.time() + _LIST_PERIOD
+        self._scenes_task = loop.create_task(self._request_scenes(), name="scenes")
 
-    async def _request_list(self) -> None:
+    async def _request_scenes(self) -> None:
         try:
             answer = await self._chassis.request(SceneList())
         except LinkError:
@@ -157,7 +156,7 @@ class MapSource:
             self._scenes = list(answer.body.scenes)
             self._on_change()
 
-    async def _request(self, wanted: tuple[str, int, str, int]) -> None:
+    async def _request_map(self, wanted: tuple[str, int, str, int]) -> None:
         scene_name, map_id, map_name, version = wanted
         try:
             scene = await scene_data(self._chassis, scene_name)
@@ -173,23 +172,23 @@ class MapSource:
                 "taskTypes": part_data.task_types_data(scene),
             }
             png, keepout = area.map_png, area.keepout_png
-            self._set(await _picture(png, keepout, area.resolution, origin, content))
+            self._set_picture(await _picture(png, keepout, area.resolution, origin, content))
         except (LinkError, MapError) as error:
             self._set_error(said_by(error))
             return
         self._shown = wanted
         self._not_before = -math.inf  # the next change of the map is shown at once
-        self._list_at = -math.inf  # this change of the map may have changed the list of scenes
+        self._scenes_due = -math.inf  # this change of the map may have changed the list of scenes
 
     def _map_grown(self, body: Body) -> None:
         if self._picture_task is None or self._picture_task.done():  # else the report is skipped
-            self._start(self._show_grown_map(body))
+            self._start_picture_task(self._show_grown_map(body))
 
     async def _show_grown_map(self, body: Body) -> None:
         try:
             report: BuildMapData = body.message()
             origin = report.origin_x, report.origin_y, 0.0
-            self._set(await _picture(report.map_data, b"", report.resolution, origin, {}))
+            self._set_picture(await _picture(report.map_data, b"", report.resolution, origin, {}))
         except (FrameError, MapError):  # the next report comes within a second
             return
 
@@ -198,7 +197,7 @@ class MapSource:
             self._unsubscribe()
             self._unsubscribe = None
 
-    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+    def _start_picture_task(self, work: Coroutine[Any, Any, None]) -> None:
         self._picture_task = asyncio.get_running_loop().create_task(work, name="map picture")
 
     def _set_error(self, error: str) -> None:
@@ -206,7 +205,7 @@ class MapSource:
             self.error = error
             self._on_change()
 
-    def _set(self, picture: MapPicture) -> None:
+    def _set_picture(self, picture: MapPicture) -> None:
         self.picture = picture
         self.number += 1
         self.error = ""

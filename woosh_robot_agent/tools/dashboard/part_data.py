@@ -1,6 +1,7 @@
 """Make the data of the page's parts: numbers, names and lists for JSON, and the binary scan.
 
-Names of states and modes are English words; the page translates them into its language.
+Names of states and modes are English words; the page translates them into its language. The fields
+`genral` and `nav_filed` are spelled so in the robot's messages.
 """
 
 from __future__ import annotations
@@ -383,9 +384,7 @@ _MAX_RANGE = 65.535
 def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | None:
     """Return the message for a scan; None if a value of its header is not finite.
 
-    Args:
-        scan: the scan.
-        pose: x, y and theta of the robot, in metres and radians; used if the scan has no pose.
+    `pose` is x, y and theta of the robot, in metres and radians; used if the scan has no pose.
     """
     if scan.HasField("pose"):
         pose = scan.pose.x, scan.pose.y, scan.pose.theta

@@ -49,7 +49,6 @@ class Parts:
         """Register a part and the function that returns its data.
 
         Args:
-            name: name of the part.
             source: returns the data of the part, which must not change afterwards.
             on_change: rebuild the part after each call of `changed`.
             each_second: rebuild the part every second, for data that changes without a call of

@@ -38,9 +38,6 @@ shows. --ip can be repeated."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the page until SIGINT or SIGTERM.
 
-    Args:
-        arguments: arguments of the program; by default from the command line.
-
     Returns:
         The exit status: 0; 1 if the page cannot be served.
     """

@@ -77,7 +77,6 @@ class Robot:
     are requested while a viewer watches this robot, the map while a viewer watches any robot.
 
     Args:
-        config: address and timeouts of the robot.
         shared: the parts that are not about a single robot; every viewer watches them.
         control: True if the robot may be commanded. Otherwise the client of the link refuses every
             request that could change or move something.
@@ -85,10 +84,8 @@ class Robot:
         update_period: minimum time between two updates of the viewers, in seconds.
 
     Attributes:
-        chassis: the link.
         view: state of the robot as received so far.
         requests: creates requests, with the robot's id if an id is configured.
-        map: the map of the robot.
         parts: the parts about this robot, which its viewers watch.
         silence: time for which the robot has been connected but has sent nothing, in whole seconds;
             0 while no viewer watches any robot.
@@ -133,7 +130,7 @@ class Robot:
             ("pose", lambda: part_data.pose_data(self.view.info)),
             ("robot", lambda: part_data.robot_data(self.view)),
             ("outline", lambda: part_data.outline_data(self.view.info)),
-            ("path", self._path_data),
+            ("path", lambda: part_data.path_data(self.view) if self._is_path_valid else []),
             ("codes", lambda: part_data.codes_data(self.view, self._code_times)),
             ("map", lambda: self.map.data(*self._map_use)),
             ("scenes", self.map.scenes_data),
@@ -313,7 +310,7 @@ class Robot:
         """Keep the map up to date, and request the path that the robot follows if it is unknown."""
         asking: asyncio.Task[None] | None = None
         while True:
-            # also for a robot that nobody watches: its link may be lost when somebody watches it
+            # also for a robot that nobody watches: it may have no link when somebody does
             await self._shared.wait_watched()
             self.map.update(*self._map_use)
             # robots push the path only when it changes, which may have been before the connection
@@ -376,9 +373,6 @@ class Robot:
         except LinkError:
             return None
         return answer.body if answer.ok and isinstance(answer.body, cls) else None
-
-    def _path_data(self) -> list[list[float]]:
-        return part_data.path_data(self.view) if self._is_path_valid else []
 
     def _link_data(self) -> dict[str, Any]:
         """Return the state of the link.

@@ -94,13 +94,8 @@ class Dashboard:
     """A page that shows robots, at a port. Runs in the current event loop.
 
     Args:
-        robots: address and timeouts of each robot.
-        config: the options.
         more_commands: functions for further commands of the page, e.g. for a simulator, by name.
             They take the arguments of the command.
-
-    Attributes:
-        robots: the robots.
     """
 
     def __init__(
@@ -129,7 +124,7 @@ class Dashboard:
             each: Control(each, config.control_config, lambda: self._shared.publish("fleet"))
             for each in self.robots
         }
-        self._max_viewers = config.max_viewers + len(robots)  # one that controls each robot
+        self._max_viewers = config.max_viewers + len(robots)  # and one that controls each robot
         self._viewers: set[Viewer] = set()
         self._viewer_count = 0
         """Number of viewers accepted so far."""
@@ -454,11 +449,7 @@ class Dashboard:
     ) -> Coroutine[Any, Any, Outcome]:
         """Return the execution of a command for the robot that the viewer watches.
 
-        Args:
-            viewer: the viewer that sent the command.
-            name: name of the command.
-            args: arguments of the command.
-            clock: newest time of this process that the page had received before, in milliseconds.
+        `clock` is the newest time of this process that the page had received, in milliseconds.
 
         Raises:
             CommandError: the command is refused.

@@ -22,13 +22,11 @@ tell, because robots report none while they move sideways."""
 
 
 class StopAlarm:
-    """Remembers that a stop was not confirmed, until a later one is, or the robot stands still.
+    """Remembers that a stop was not confirmed, until a later stop is, or the robot stands still.
 
     A robot that executes an action, e.g. moves a lift, does not stand still.
 
-    Args:
-        robot: the robot.
-        on_answered: called after each answer to a stop.
+    `on_answered` is called after each answer to a stop.
     """
 
     def __init__(self, robot: Robot, on_answered: Callable[[], None]) -> None:
@@ -59,10 +57,8 @@ class StopAlarm:
     def answered(self, report: StopReport, given: float) -> None:
         """Raise the alarm if a stop was not confirmed, otherwise end it.
 
-        Args:
-            report: the answers to the stop.
-            given: loop time at which it was given. If a later stop is answered already, the alarm
-                does not change.
+        `given` is the loop time at which the stop was given. If a later stop is answered already,
+        the alarm does not change.
         """
         if given >= self._given:
             self._given = given
@@ -71,7 +67,7 @@ class StopAlarm:
         self._on_answered()
 
     def _restart_standstill(self) -> None:
-        """Let the time for which the robot must stand still begin now, where it is now."""
+        """Begin the time for which the robot must stand still: now, and at its present pose."""
         self._maybe_moving_at = asyncio.get_running_loop().time()
         self._received = self._robot.chassis.stats.rx
         self._pose = part_data.pose_data(self._robot.view.info)

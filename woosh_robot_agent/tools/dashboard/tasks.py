@@ -69,9 +69,7 @@ class TaskLog:
     A real robot reports the end of a task for a few milliseconds only. Tasks that ended while there
     was no link are taken from the robot's history.
 
-    Args:
-        robot: the robot.
-        driver: returns what drives the robot now.
+    `driver` returns what drives the robot now.
     """
 
     def __init__(self, robot: Robot, driver: Callable[[], Driver]) -> None:

@@ -25,7 +25,6 @@ class Text:
     `str` returns the text in English.
 
     Args:
-        key: key of the text.
         **values: values for the placeholders of the text, by name.
     """
 

@@ -31,12 +31,9 @@ class Viewer:
     meanwhile is sent to its end first, because it may change faster than it can be sent.
 
     Args:
-        socket: the WebSocket.
-        transport: connection of the WebSocket.
         is_writable: set while the connection takes more messages.
         number: number of the viewer, from 1.
         shared: parts about all robots together, which every viewer watches.
-        may_control: True if the viewer may command robots.
 
     Attributes:
         name: name of the viewer, for other viewers: its number and its address.

@@ -57,7 +57,6 @@ class Result:
     """Result of one check.
 
     Attributes:
-        status: outcome.
         text: what was found.
         remedy: what to do about it; empty if nothing has to be done.
         check: name of the check; empty in the results of the checks below, filled in by `examine`.
@@ -70,11 +69,7 @@ class Result:
 
 
 class CheckFailedError(Exception):
-    """A check failed on which all later checks depend.
-
-    Attributes:
-        result: result of the check.
-    """
+    """A check failed on which all later checks depend; `result` is its result."""
 
     def __init__(self, text: str, remedy: str) -> None:
         super().__init__(text)
@@ -91,7 +86,6 @@ class RobotInfoAnswer(NamedTuple):
     """The robot's answer to the request for RobotInfo.
 
     Attributes:
-        info: body of the answer.
         skew: time by which the robot's clock is ahead of this computer's, in seconds; None if the
             answer carries no time.
         round_trip: time from request to answer, in seconds.
@@ -189,7 +183,7 @@ def _robot_info_in(codec: Codec, answer: Envelope, config: LinkConfig) -> RobotI
 
 def check_identity(answer: RobotInfoAnswer) -> Result:
     """Report which robot has answered; never fails."""
-    general = answer.info.genral
+    general = answer.info.genral  # spelled so in the robot's messages
     parts = [
         f"robot {answer.info.robot_id or general.serial_number}",
         general.display_model,
@@ -327,7 +321,6 @@ async def _link_error(
     proxy or firewall refuses the WebSocket.
 
     Args:
-        config: address and timeouts of the robot.
         text: what is wrong if no chassis answers HTTP either.
         remedy: what to do about it then.
         reason: why the link did not open, for the error if a chassis answers HTTP; by default
@@ -372,7 +365,6 @@ async def ask_over_http(config: LinkConfig, request: Message, timeout: float) ->
 
     Args:
         config: address of the robot, and the timeout of the connection.
-        request: the request.
         timeout: timeout of the answer, in seconds.
 
     Returns:
@@ -474,9 +466,9 @@ def check_emergency_stop(info: RobotInfo) -> Result:
 
 def check_taskable(info: RobotInfo) -> Result:
     """Check whether the robot would accept a new task."""
-    reported_by_others = {*_MODE_OBJECTIONS, NOT_INITIALISED, LOST, EMERGENCY_STOP}
+    reported_above = {*_MODE_OBJECTIONS, NOT_INITIALISED, LOST, EMERGENCY_STOP}  # by other checks
     found = all_objections(info)
-    if others := [objection for objection in found if objection not in reported_by_others]:
+    if others := [objection for objection in found if objection not in reported_above]:
         return _failed(others)
     if found:
         return Result(

@@ -188,7 +188,7 @@ _SLOW = {cls.DESCRIPTOR.full_name for cls in (pack.InitRobot, pack.BuildMap)}
 
 
 def _answers(seen: Observations) -> _Found:
-    """Yield the answer times of each type of request, a default for other types, and of InitRobot.
+    """Yield the answer times of InitRobot and of each type of request, and a default for others.
 
     Types with times of their own in the profile `tr200` are unusual: they do not count for the
     default.
@@ -201,7 +201,7 @@ def _answers(seen: Observations) -> _Found:
     times = {name: _distribution(found) for name, found in sorted(delays.items())}
     own_times = reference()["answers"]["requests"]
     usual = [each for name, each in times.items() if name not in own_times]
-    if usual:  # each request counts alike, so that one that is slow or frequent changes little
+    if usual:  # each type counts alike, so that one that is slow or frequent changes little
         medians = [
             quantile(column, 0.5) for column in zip(*(each.value for each in usual), strict=True)
         ]

@@ -39,7 +39,6 @@ class SeenFrame(NamedTuple):
 
     Attributes:
         t: Unix time at which the frame was sent or received, in seconds.
-        connection: number of the connection.
         by_robot: True if the robot sent the frame, False if a client did.
         data: text of a text frame, bytes of a binary frame.
     """
@@ -55,12 +54,10 @@ class AnsweredRequest(NamedTuple):
 
     Attributes:
         t: Unix time of the answer, in seconds.
-        sn: serial number.
         request: type of the request.
         request_body: body of the request; None if unreadable or of an unknown type.
         delay: time from request to answer, in seconds.
         ok: True if the request was accepted.
-        text: text of the answer.
         type: type of the answer.
         body: body of the answer; None if large, unreadable, a laser scan, of an unknown type, or
             missing in a refusal.
@@ -84,8 +81,6 @@ class Push(NamedTuple):
 
     Attributes:
         t: Unix time of its arrival, in seconds.
-        connection: number of the connection.
-        type: type of the push.
         body: the message; None if large, unreadable, a laser scan, or of an unknown type.
         size: size of the frame, in bytes.
     """
@@ -102,7 +97,6 @@ class Scan(NamedTuple):
 
     Attributes:
         t: Unix time of its arrival, in seconds.
-        connection: number of the connection.
         pushed: True if it was pushed, False if it was requested.
         ranges: hash of the ranges, to tell a new scan from one that was requested again.
     """
@@ -136,9 +130,6 @@ class Observations:
 
     Attributes:
         asked: number of requests, by their type.
-        answers: answered requests, in order.
-        pushes: pushes, in order.
-        scans: laser scans, in order.
         subscribed: types that clients have subscribed to.
         unknown_fields: fields that the schema lacks, by message type and path; only from JSON
             frames, which have the names of fields.
@@ -168,7 +159,7 @@ class Observations:
         self._latest: dict[str, Message] = {}
         """The last message of each type, received by itself or inside a RobotInfo."""
         self._counts: Counter[str] = Counter()
-        """Number of messages of each type, counted in the same way."""
+        """Number of messages of each type, those inside a RobotInfo included."""
         for frame in frames:
             self.add(frame)
 
@@ -319,7 +310,6 @@ def _unknown_fields(body: dict[str, Any], descriptor: Any, path: str) -> Iterato
 
     Args:
         body: the body, or a message within it.
-        descriptor: descriptor of the type.
         path: path of a message within the body, e.g. `scene.`; empty for the body itself.
     """
     fields = {name: each for each in descriptor.fields for name in json_names(each)}
@@ -405,11 +395,7 @@ _PLAIN_KEY = re.compile(r"[a-z]\w{0,40}")
 
 
 class Redactor:
-    """Redacts names, addresses and ids that could identify the robot or its site.
-
-    Args:
-        names: the names, as in `Observations.names`.
-    """
+    """Redacts addresses, ids and `names` that could identify the robot or its site."""
 
     def __init__(self, names: Iterable[str]) -> None:
         # the longest first, because the first alternative that matches is taken

@@ -55,9 +55,7 @@ NOT_REACHED = "not checked, because an earlier check failed"
 async def examine(config: LinkConfig, max_skew: float = TOLERANCE) -> AsyncIterator[Result]:
     """Check one robot; yield the result of each of `CHECKS` as soon as it is known.
 
-    Args:
-        config: address and timeouts of the robot.
-        max_skew: maximum difference of the clocks, in seconds.
+    `max_skew` is the maximum difference of the clocks, in seconds.
     """
     names = iter(CHECKS)
     try:
@@ -117,9 +115,6 @@ or the output was not read to its end, 2 if the command line is invalid."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check one robot and print a line for each check.
 
-    Args:
-        arguments: arguments of the program; by default from the command line.
-
     Returns:
         The exit status: 0 if no check failed; 1 if a check failed, or if the survey cannot be made.
     """
@@ -176,10 +171,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             print(json.dumps(_as_json(config, results, failed), indent=2))
         if options.survey:
             # RobotInfo is the first check that needs the open link
-            is_link_open = not any(
-                each.check == "RobotInfo" and each.text == NOT_REACHED for each in results
-            )
-            if not is_link_open:
+            if any(each.check == "RobotInfo" and each.text == NOT_REACHED for each in results):
                 raise SurveyError("no survey, because the link to the robot does not open")
             minutes = options.minutes or _MINUTES
             text = await survey.survey(

@@ -45,19 +45,20 @@ from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, markdown, 
 from woosh_robot_agent.tools.options import stop_event
 from woosh_robot_agent.tools.progress import progress_bar
 
-_PUSHED = tuple(dict.fromkeys(topic.push for topic in TOPICS))
 _EMPTY_REQUESTS = tuple(
     name
     for name in dict.fromkeys(
-        (*(query.request for query in QUERIES), *_PUSHED, full_name(Feedbacks), full_name(Storages))
+        (
+            *(query.request for query in QUERIES),
+            *(topic.push for topic in TOPICS),
+            full_name(Feedbacks),
+            full_name(Storages),
+        )
     )
     if name != full_name(SceneDataEasy)
 )
-"""Types that are requested without content in each round, so without SceneDataEasy, which needs the
-name of a scene. What is pushed can be requested, too: a request without content cannot change
-anything."""
-_SUBSCRIBED = tuple(dict.fromkeys((*_PUSHED, full_name(Feedbacks), *_EMPTY_REQUESTS)))
-"""Types that are subscribed to: also those that robots are only known to send as answers."""
+"""Types that are requested without content in each round; SceneDataEasy needs the name of a scene.
+Pushed types can be requested, too: a request without content cannot change anything."""
 _LARGE_ROUNDS = 3
 """Number of rounds in which queries with large answers are sent."""
 _PAUSE = 0.1
@@ -78,7 +79,6 @@ class _Survey:
     """A running survey.
 
     Attributes:
-        seen: observations so far.
         http: answers over HTTP, by query; None for a query that was not answered.
         lost: number of connections that were lost.
     """
@@ -166,7 +166,8 @@ class _Survey:
         Raises:
             TransportClosedError: the connection is lost, or the robot does not answer a ping.
         """
-        subscription = Subscription(sub=True, topics=_SUBSCRIBED)
+        # also to types that robots are only known to send as answers
+        subscription = Subscription(sub=True, topics=_EMPTY_REQUESTS)
         await self._send(SUBSCRIPTION_TYPE, subscription, 0)
         while True:
             for request, timeout in self._requests():
@@ -298,9 +299,7 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     """Make a survey, until its time is over or a signal arrives, and write its results.
 
     Args:
-        config: address and timeouts of the robot.
         folder: folder for the results; must be empty or not exist yet.
-        minutes: duration, in minutes.
         with_names: True to keep what could identify the robot or its site.
 
     Returns:

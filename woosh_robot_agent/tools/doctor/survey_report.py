@@ -46,11 +46,8 @@ def results(
     """Return the results of a survey as JSON.
 
     Args:
-        seen: the observations.
         http: answers over HTTP, by query; None for a query that was not answered.
-        seconds: duration, in seconds.
         complete: False if the survey was stopped early.
-        lost: number of lost connections.
         address: address of the robot, left out without `with_names`.
         with_names: True to keep names and numbers that could identify the robot or its site.
     """

@@ -50,11 +50,7 @@ _M = TypeVar("_M", bound=Message)
 
 
 class MapLibrary:
-    """The scenes and maps that one robot has stored.
-
-    Args:
-        chassis: the link, which must be ready.
-    """
+    """The scenes and maps that one robot has stored; the link `chassis` must be ready."""
 
     def __init__(self, chassis: ChassisClient) -> None:
         self.chassis = chassis
@@ -110,13 +106,9 @@ class MapLibrary:
 def _progress(
     chassis: ChassisClient, text: str, size: int | None = None
 ) -> AbstractContextManager[None]:
-    """Show a progress bar while the block runs.
+    """Show a text and a progress bar while the block runs.
 
-    Args:
-        chassis: the link.
-        text: text before the bar.
-        size: size of the files to upload, in bytes; None for a download, whose size is not known
-            in advance.
+    `size` is that of the files to upload, in bytes; None for a download, whose size is not known.
     """
     received_before, _ = chassis.traffic()
     # The frame of an upload is larger than the files in it, so the bar shows the sent share of the
@@ -172,7 +164,6 @@ async def download(library: MapLibrary, names: Sequence[str], output: Path, *, f
     """Save scenes in folders.
 
     Args:
-        library: the scenes of the robot.
         names: names of scenes, or of maps whose scenes are saved; empty for all scenes.
         output: folder in which a folder is created for each scene.
         force: True to replace scenes that were saved there before.
@@ -203,8 +194,6 @@ async def upload(
     """Upload saved scenes to the robot.
 
     Args:
-        library: the scenes of the robot.
-        folders: folders of the scenes.
         new_name: name of the scene on the robot; empty for its saved name.
         force: True to replace scenes on the robot.
     """

@@ -37,9 +37,6 @@ Ctrl-C. A scene whose upload was cut off is unchanged on the robot."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """List, download, upload, rename or delete the maps of one robot.
 
-    Args:
-        arguments: arguments of the program; by default from the command line.
-
     Returns:
         The exit status, as in `_EPILOG`.
     """

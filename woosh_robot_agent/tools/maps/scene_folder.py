@@ -96,7 +96,6 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
     """Return the marks in a YAML file; `old` itself if the file was not edited.
 
     Args:
-        path: path of the file.
         old: the robot's marks that were written to the file. Data that the file does not contain
             are taken from them.
 
@@ -210,7 +209,6 @@ class _MarkEntry:
         type: type of the mark: `base`, or one of `_TYPES`.
         pose: pose of a robot that stands at the mark; None if only `real` is known.
         real: pose of the place itself; None if it is the same as `pose`.
-        description: text that describes the mark; may be empty.
         details: further fields of the robot's mark, as JSON; None if there are none.
         where: place of the entry in the file, for errors, e.g. `NAME: marks[3]`. It is set by
             `structure`, and is not a key of the entry.
@@ -324,7 +322,6 @@ class SavedScene:
     """A scene in a folder.
 
     Attributes:
-        name: name of the scene.
         files: contents of the robot's files, by the robot's names. Those with marks contain the
             edits.
     """
@@ -355,7 +352,6 @@ def write_scene(
     """Save a scene in a folder, atomically.
 
     Args:
-        target: the folder, which is created.
         data: name of the scene, and its maps with their pictures and marks.
         files: contents of the robot's files, by the robot's names.
         force: True to replace a scene that was saved there before.

@@ -46,10 +46,6 @@ class _RepeatedCall:
     """Repeated call of a service, with at most one call in flight.
 
     Args:
-        node: rclpy's node.
-        srv: ROS type of the service.
-        name: name of the service.
-        request: the request.
         timeout: time after which a call without a response is given up, in seconds, because DDS
             can lose the first request.
         on_response: called with each response.
@@ -79,7 +75,8 @@ class _RepeatedCall:
         if self._future is not None:
             if time.monotonic() - self._called_at < self._timeout:
                 return
-            self.close()  # Fast DDS sometimes never matches a client with a service that is ready
+            # a new client, because Fast DDS sometimes never matches a client with a ready service
+            self.close()
             self._client = self._node.create_client(self._srv, self._name)
         if self._client.service_is_ready():
             self._called_at = time.monotonic()
@@ -93,7 +90,7 @@ class _RepeatedCall:
             self._client.remove_pending_request(future)
 
     def close(self) -> None:
-        """Give up the call in flight, if any, and make no further ones."""
+        """Give up the call in flight, if any, and destroy the client."""
         self.cancel()
         self._node.destroy_client(self._client)
 

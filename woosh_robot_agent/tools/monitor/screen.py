@@ -83,8 +83,6 @@ def draw(name: str, link: LinkReport, view: RobotView, hint: str = "") -> Render
 
     Args:
         name: name of the source, for the title.
-        link: state of the link.
-        view: state of the robot.
         hint: text below the display, e.g. which key quits.
     """
     rows = Table.grid(padding=(0, 2))

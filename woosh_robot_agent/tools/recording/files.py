@@ -29,7 +29,6 @@ class McapFile:
         profile: MCAP profile, for the header of the file; empty for none.
 
     Attributes:
-        path: path of the file.
         written: number of messages in the file, by topic, without those in `pending`.
         pending: number of messages in the chunk that is not written yet, by topic.
 
@@ -70,10 +69,8 @@ class McapFile:
         """Add a message to the chunk; write the chunk if it is full.
 
         Args:
-            channel: channel of the message.
             log_time: time of recording, in ns.
             publish_time: time of sending by the sender's clock, in ns.
-            data: the message.
         """
         number = self._channels.get(channel)
         if number is None:
@@ -157,14 +154,12 @@ class RecordingFiles:
     Args:
         path: path of the new file, which must not exist. The names of the files of a split
             recording have a number, from 0, before the suffix.
-        limits: limits of size and duration.
         on_new_file: called with each new file, to write the start of the file, e.g. the last map.
         on_early_end: called once with the reason if the recording ends before `close`, or if
             `close` fails.
         profile: MCAP profile, for the header of the files; empty for none.
 
     Attributes:
-        paths: paths of the files so far.
         failed: True if the recording ended before `close`, or a file is not complete.
 
     Raises:
@@ -224,9 +219,7 @@ class RecordingFiles:
         """Write a message.
 
         Args:
-            channel: channel of the message.
             log_time: time of recording, in ns.
-            data: the message.
             publish_time: time of sending by the sender's clock, in ns; None if unknown.
 
         Returns:
@@ -278,9 +271,7 @@ class RecordingFiles:
     def _apply_limits(self, log_time: int, size: int) -> None:
         """Begin the next file or end the recording if a message would exceed a limit.
 
-        Args:
-            log_time: log time of the message, in ns.
-            size: size of the message, in bytes.
+        `log_time` is that of the message, in ns, and `size` is its size, in bytes.
         """
         file = self._file
         assert file is not None
@@ -300,10 +291,9 @@ class RecordingFiles:
             self._apply_limits(log_time, size)  # the start of the next file may reach `max_size`
 
     def _exceeded_limit(self, size: int) -> str:
-        """Return the limit that would be exceeded if the current file had a size, in bytes.
+        """Return the limit that the current file would exceed with a size of `size` bytes.
 
-        Returns:
-            "max_size" for the limit of all files together, "split_size", or empty for none.
+        It is "max_size", the limit of all files together, or "split_size"; empty for none.
         """
         if self._closed_size + size > self._limits.max_size:
             return "max_size"

@@ -30,7 +30,6 @@ class Frame:
     Attributes:
         t: time since the start of the recording, in seconds.
         connection: number of the connection, from 1.
-        sender: side that sent the frame.
         data: text of a text frame, bytes of a binary frame.
         invalid: True for a text frame that is not valid UTF-8; `data` holds its bytes.
     """

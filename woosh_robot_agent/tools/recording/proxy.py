@@ -35,7 +35,6 @@ class ReadPace:
     Waking up for a frame costs several times as much CPU time as reading one more frame.
 
     Args:
-        transport: transport that the stream is read from.
         period: minimum average time between two reads, in seconds.
         now: returns the time, in seconds; by default the time of the event loop.
     """
@@ -54,11 +53,7 @@ class ReadPace:
         """Earliest time of the next read, by `now`; in the past if reads are rare."""
 
     async def wait(self, size: int) -> None:
-        """Wait until the next read may follow.
-
-        Args:
-            size: size of the previous read, in bytes.
-        """
+        """Wait until the next read may follow; the previous one had `size` bytes."""
         if size >= _LARGE:
             return
         now = self._now()
@@ -103,7 +98,6 @@ class RecordingProxy:
 
     Args:
         chassis: address, transport, frame size limit and connect timeout of the chassis.
-        writer: writer of the recording.
         read_period: minimum average time between two reads, in seconds. Frames that arrive at a
             higher rate are delayed by up to this time.
     """
@@ -127,7 +121,6 @@ class RecordingProxy:
         """Listen for clients.
 
         Args:
-            host: address to listen on.
             port: port to listen on; 0 for any free port.
 
         Returns:

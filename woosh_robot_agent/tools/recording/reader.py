@@ -69,7 +69,6 @@ class _Part:
     """Contents of one file of a recording, which is a part if the recording was split.
 
     Attributes:
-        path: path of the file.
         metadata: metadata of the recording; empty until they are read.
         messages: messages on `FRAMES` and `EVENTS`, with their log times as Unix time in ns.
         damage: why the end of the file is missing; empty if the file is complete.

@@ -71,9 +71,6 @@ Ctrl-C ends the recording."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record until SIGINT or SIGTERM, or for the time of `--duration`.
 
-    Args:
-        arguments: arguments of the program; by default from the command line.
-
     Returns:
         The exit status. 1 if the recording could not start or ended early, if frames or ROS
         messages were lost, or if none came: no frame of the robot, or with `--ros` no ROS message.
@@ -274,7 +271,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             stack.push_async_callback(client.close)
             client.start()
         await asyncio.wait({asyncio.ensure_future(stop.wait())}, timeout=options.duration)
-        stop.set()
+        stop.set()  # for `on_early_end`, if the time of --duration is over
     failed = _report_frames(writer, config, options)
     if ros_recorder is not None:
         failed |= _report_ros(ros_recorder, options.ros)

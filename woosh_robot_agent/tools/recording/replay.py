@@ -28,9 +28,6 @@ Ctrl-C ends the program."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Replay a recording until SIGINT or SIGTERM.
 
-    Args:
-        arguments: arguments of the program; by default from the command line.
-
     Returns:
         The exit status: 0, or 1 if a file cannot be used or the program cannot listen.
     """

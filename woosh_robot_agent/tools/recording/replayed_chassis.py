@@ -54,7 +54,7 @@ def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | 
 
 
 def _reencode(frame: str | bytes, recorded: Codec, codec: Codec, sn: int | None) -> str | bytes:
-    """Do the work of `transcode` for a frame in another encoding, `recorded`.
+    """Convert a frame from the encoding `recorded` to that of the receiver, `codec`.
 
     A frame that cannot be read is returned as it is. One of an unknown type loses its body.
     """
@@ -94,11 +94,8 @@ class ReplayedChassis:
     After the end of the recording, clients still get answers.
 
     Args:
-        playback: the recording.
-        host: address to listen on.
         port: port of the WebSocket transport; 0 for any free port.
         tcp_port: port of the TCP transport; 0 for any free port.
-        speed: speed of the playback as a factor.
         loop: True to drop all clients and start again when the recording ends.
         wait_for_commands: True to pause also at each recorded command until a client sends a
             command of its type.

@@ -83,10 +83,8 @@ class RosRecorder:
     The messages are written as the middleware delivers them, without being decoded.
 
     Args:
-        namespace: namespace of the agent.
         path: path of the new file, which must not exist; see `RecordingFiles` for a split
             recording.
-        limits: limits of size and duration.
         on_early_end: called with the reason, in the recorder's thread, if the recording ends before
             `close`, and in the thread that calls `close` if that fails.
 

@@ -34,7 +34,6 @@ class ParsedFrame(NamedTuple):
 
     Attributes:
         data: payload of the frame; for a close frame, its code and reason as text.
-        text: True for a text frame.
         close: True for a WebSocket close frame.
     """
 
@@ -107,8 +106,7 @@ class WebSocketParser:
 class DelimitedParser:
     """Parser of one direction of delimited protobuf: before each frame comes its size, as a varint.
 
-    Args:
-        max_size: maximum size of a frame, in bytes.
+    `max_size` is the maximum size of a frame, in bytes.
     """
 
     def __init__(self, max_size: int) -> None:
@@ -169,8 +167,6 @@ class Direction:
     """One direction of one connection.
 
     Attributes:
-        connection: number of the connection.
-        sender: side that sends the bytes.
         parser: parser of the bytes; None once they cannot be parsed.
         on_close: called in the recorder's thread with code and reason of a close frame, and with
             its time of arrival, by `RecordingWriter.now`.

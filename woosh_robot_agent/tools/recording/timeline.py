@@ -87,7 +87,6 @@ class Step:
 
     Attributes:
         t: time in the recording, in seconds.
-        kind: kind of the step.
         frame: recorded frame of a push or a command; empty for another kind of step.
         type: message type of the frame; empty if the frame is invalid, or there is none.
         subscribed: True for a push of a subscribed type. Other pushes go to all clients.
@@ -262,7 +261,6 @@ class Playback:
 
     Attributes:
         steps: the timeline.
-        answers: the answers to requests.
         duration: time from the first to the last record, in seconds; 0 if there are none.
     """
 

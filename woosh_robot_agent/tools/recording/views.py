@@ -63,7 +63,7 @@ from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_cha
 
 _LOG = logging.getLogger(__name__)
 _ANSWERS = {command.request: command.answer for command in COMMANDS if command.two_types}
-"""Types of answers whose frames may name the type of the request instead, by that type."""
+"""Types of answers, by type of the request: those whose frames may name the type of the request."""
 _MAX_TIMESTAMP = 2**63 // 1_000_000
 """Timestamp from which a time is invalid, in ms: viewers cannot represent it in ns."""
 
@@ -73,7 +73,6 @@ class DecodedFrame(NamedTuple):
 
     Attributes:
         channel: channel for this type of message from this side.
-        message: the message.
         sent: time of sending by the sender's clock, as Unix time in ns; None if the frame has no
             valid time.
     """
@@ -151,8 +150,6 @@ class View(NamedTuple):
     """A message for display, and its channel.
 
     Attributes:
-        channel: channel of the message.
-        message: the message.
         state: key of a view that stays valid until the next view with this key. Such a view is
             repeated at the start of each file of a split recording. Empty for any other view.
     """
@@ -304,7 +301,6 @@ class PreparedMap(NamedTuple):
     """A map as it is written: files for map_server, which are attached, and a view.
 
     Attributes:
-        name: name of the map.
         files: contents of the files for map_server, by name; empty if the map is not saved yet.
         view: view of the map; None if it is not the current one, or too large.
     """
@@ -345,7 +341,7 @@ class MapFinder:
                     yield FoundMap(area, is_saved=True, is_current=area is current)
 
     def _current_map(self, data: SceneData) -> SceneData.Map | None:
-        """Return the current map if the scene has it; its only map while no scene is known."""
+        """Return the current map if `data` has it; its only map while none is known as current."""
         current = self._current
         if not current.scene_name:
             return data.maps[0] if len(data.maps) == 1 else None
@@ -360,11 +356,8 @@ class MapFinder:
 def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
     """Return the files and the view of a map; log a map that is not usable, and return None.
 
-    Decoding a large image takes long: call it in a thread of its own.
-
-    Args:
-        found: the map.
-        time: time of recording, as Unix time in ns.
+    Decoding a large image takes long: call it in a thread of its own. `time` is the Unix time of
+    recording, in ns.
     """
     area = found.area
     try:

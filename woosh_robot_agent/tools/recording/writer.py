@@ -39,7 +39,7 @@ _LOG = logging.getLogger(__name__)
 _THINNED = (PoseSpeed, ScannerData)
 """Types whose views are limited in rate, because an eye cannot follow them at the highest rates.
 
-These types have no maps or metadata: of a message whose view is delayed, only the view is written.
+They contain no maps or metadata, so `_add_waiting_views` has only views to write.
 """
 _VIEW_PERIOD = 20_000_000
 """Minimum time between two views of a type in `_THINNED`, in ns."""
@@ -58,7 +58,6 @@ class RecordingWriter:
         path: path of the new file, which must not exist; see `RecordingFiles` for a split
             recording.
         address: address of the chassis, for the metadata.
-        limits: limits of size and duration.
         on_early_end: called once with the reason if the recording ends before `close`, or if
             `close` fails.
 
@@ -139,7 +138,6 @@ class RecordingWriter:
         """Write a frame.
 
         Args:
-            connection: number of the connection.
             sender: side that sent the frame: the client or the chassis.
             data: payload of the frame.
             text: True for a text frame, whose payload should be UTF-8.
@@ -175,9 +173,6 @@ class RecordingWriter:
         """Write an event.
 
         Args:
-            connection: number of the connection.
-            kind: kind of the event.
-            by: side that caused the event.
             text: details, e.g. why the chassis could not be reached; may be empty.
             at: time of the event, by `now`; None if it has just happened.
         """
