@@ -227,7 +227,7 @@ def markdown(found: Mapping[str, Any]) -> str:
         "",
         "## Differences from the simulator",
         "",
-        f"What the simulator would do otherwise with the profile {REFERENCE}.",
+        f"What the simulator would do differently with the profile {REFERENCE}.",
         "",
         *_differences(found),
         "",
