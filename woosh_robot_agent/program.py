@@ -123,7 +123,7 @@ _RECORDING = "mcap mcap-protobuf-support foxglove-schemas-protobuf"
 _RECORDING_OLD_PROTOBUF = "mcap 'mcap-protobuf-support<0.4' 'foxglove-schemas-protobuf<0.4'"
 """Libraries for recordings with a protobuf older than 5.29, e.g. from apt."""
 _VDA5050 = "'aiomqtt>=2.3' 'jsonschema>=4.20'"
-_PIP_NAMES = {
+_PIP_ARGUMENTS = {
     "websockets": "'websockets>=10.4'",
     "google": "'protobuf>=3.21'",
     "aiohttp": "'aiohttp>=3.9'",
@@ -132,7 +132,7 @@ _PIP_NAMES = {
     **dict.fromkeys(("mcap", "mcap_protobuf", "foxglove_schemas_protobuf"), _RECORDING),
     **dict.fromkeys(("aiomqtt", "jsonschema", "paho"), _VDA5050),
 }
-"""Arguments of `pip install` for a module, if they differ from the name of the module."""
+"""Arguments of `pip install` for a module, if they differ from its name."""
 
 
 def import_problem(error: ImportError) -> str:
@@ -154,7 +154,7 @@ def import_problem(error: ImportError) -> str:
         )
     if module == __package__ or not isinstance(error, ModuleNotFoundError):
         return ""  # not a missing library, but a defect
-    needed = _PIP_NAMES.get(module, module)
+    needed = _PIP_ARGUMENTS.get(module, module)
     if needed is _RECORDING and _release(_installed()["protobuf"]) < [5, 29]:
         needed = _RECORDING_OLD_PROTOBUF
     return f"the module {module} is not installed here; run: python3 -m pip install {needed}"
@@ -175,7 +175,7 @@ def outdated_libraries() -> str:
     ]
     if not old:
         return ""
-    needed = f"{_PIP_NAMES['websockets']} {_PIP_NAMES['google']}"
+    needed = " ".join(_PIP_ARGUMENTS[module] for module in ("websockets", "google"))
     return f"too old: {' and '.join(old)}; run: python3 -m pip install {needed}"
 
 
