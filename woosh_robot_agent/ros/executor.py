@@ -338,7 +338,7 @@ class _IdleThread:
             with self._lock:
                 if self._context.ok():
                     _LOG.exception("the thread for idle entities failed; it is started again")
-                # from now on, the thread that spins waits for these entities
+                # the thread that spins waits for its entities, until `watch` starts a new one
                 self._report(self._watched)
                 self._thread = None
 
