@@ -340,7 +340,7 @@ class FollowWaypoints(_Navigation):
                 cause = await self._visit(goal, number, poses[number])
 
     async def _visit(self, goal: Nav2Goal, number: int, pose: PoseStamped) -> Cause | None:
-        """Drive to a waypoint; return who decided the end of the drive, None if it is missed."""
+        """Drive to a waypoint; return who decided that it is reached, None if it is missed."""
         try:
             return await goal.run_command(
                 MoveBase(action=kExecute, target_pose=chassis_pose(pose)),
