@@ -302,7 +302,8 @@ class Tasks:
         states = [_STARTING_STATES[name] for name in self._profile.starting_states]
         starting: deque[Callable[[], None]] = deque(partial(self._report, each) for each in states)
         starting.append(self._begin_job)
-        if not self._profile.first_report:
+        delays_after_answer = self._profile.first_report
+        if not delays_after_answer:
             # The reports begin with the next tick, so that they follow the answer to the request.
             self._starting = starting
             # Until then, queries are answered with this report, which is not pushed yet.
@@ -314,8 +315,7 @@ class Tasks:
             self._starting = starting
             starting.popleft()()  # the others follow in the next ticks
 
-        delay += self._robot.rng.choice(self._profile.first_report)
-        self._scheduled.add(delay, announce)
+        self._scheduled.add(delay + self._robot.rng.choice(delays_after_answer), announce)
 
     def _show_state(self, delay: float) -> None:
         """Set `state` to the one that the task gives the robot, in `delay` seconds, or now if 0.
