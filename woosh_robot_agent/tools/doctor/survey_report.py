@@ -68,7 +68,7 @@ def results(
             {"type": name, **_unknown("", each, redactor)}
             for name, each in sorted(seen.unknown_types.items())
         ],
-        "unreadable": _unreadable(seen.unreadable, without_values=redactor is not None),
+        "unreadable": _unreadable(seen.unreadable, without_values=not with_names),
         "status_codes": list(_unknown_codes(seen, redactor)),
         "clock": _series(seen.offsets, digits=3),
         "profile": [
@@ -78,7 +78,7 @@ def results(
                 if redactor and path[0] == "refusals"
                 else each.value,
                 "samples": each.samples,
-                REFERENCE: known_value(path),
+                REFERENCE: known_value(path),  # the simulator's value; the key names its profile
                 "differs": differs(path, each.value),
             }
             for path, each in learned.items()
