@@ -60,9 +60,8 @@ class HeaderIds:
         """Take the next id of a topic, and return it."""
         number = self._next[topic]
         self._next[topic] = (number + 1) % _ID_COUNT
-        # reserve a block if the last one is used up, or the ids start again at 0: then the
-        # difference is larger than a block
-        if not 0 < self._reserved[topic] - self._next[topic] <= _BLOCK_SIZE:
+        left = self._reserved[topic] - self._next[topic]  # huge if ids start again at 0
+        if not 0 < left <= _BLOCK_SIZE:
             self._reserved[topic] = self._next[topic] + _BLOCK_SIZE
             self._save({name: reserved % _ID_COUNT for name, reserved in self._reserved.items()})
         return number

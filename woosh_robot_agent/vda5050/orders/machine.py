@@ -417,10 +417,10 @@ class OrderMachine:
             self.cancel()
 
     def interrupt(self, action_id: str, reason: str = _RESTARTED) -> None:
-        """Stop the order: an action that forbids driving may still run, or be half done.
+        """Stop the order for good: the outcome of an action that forbids driving is unknown.
 
         Args:
-            reason: why the outcome of the action is unknown.
+            reason: why it is unknown.
         """
         if self.busy and self.error is None:
             self.error = self._fatal_error(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
