@@ -351,7 +351,7 @@ class WebSocketServerTransport:
 
     Args:
         socket: the WebSocket, after the handshake.
-        connection: the connection under it.
+        connection: the connection under it; limits the unread bytes.
     """
 
     def __init__(self, socket: web.WebSocketResponse, connection: HttpConnection) -> None:

@@ -140,7 +140,8 @@ class Subscriptions:
     """Delivers pushes to their consumers.
 
     A push that arrives alone is delivered at once if nothing is queued. Other pushes are queued,
-    and a separate task delivers them.
+    and a separate task delivers them. Large pushes are prepared in another thread; meanwhile,
+    later pushes of the type wait in its lane, a queue.
 
     Args:
         depth: maximum number of queued pushes for each of `EVENT_PUSHES`.
@@ -288,8 +289,8 @@ class Subscriptions:
                 if not len(queue):
                     await queue.wait()
                     slice_started = now()  # other tasks ran meanwhile
-                unfinished = queue.get()()  # no variable keeps the push, which may be large
-                if unfinished is not None:  # a large value is to be prepared; later ones must wait
+                unfinished = queue.get()()  # a variable for the function would keep a large push
+                if unfinished is not None:  # later pushes must wait for its end
                     await unfinished
                 if now() - slice_started > _TIME_SLICE:
                     await asyncio.sleep(0)
@@ -301,11 +302,7 @@ class Subscriptions:
             self._lanes.clear()
 
     def _deliver(self, body: Body) -> None:
-        """Deliver a push, or put it into the lane of its type, if it or an earlier one is large.
-
-        A lane is a queue that keeps pushes of one type in order while large ones are prepared in
-        another thread.
-        """
+        """Deliver a push, or put it into the lane of its type, if it or an earlier one is large."""
         lane = self._lanes.get(body.type)
         if lane is not None:
             if len(lane) == lane.maxlen:

@@ -261,11 +261,11 @@ class MqttConnection:
         connection are old: a drive that they order may not be wanted any more.
 
         Raises:
-            MqttError: it stood still before this check, or before an earlier one.
+            MqttError: it stood still; each later check raises this, too.
         """
         now = boot_time()
-        # the broker waits for 1.5 keep-alive intervals, and one of them may have passed before the
-        # standstill; a third is less than the half that is left
+        # The broker waits for 1.5 keep-alive intervals. One may be over when the standstill begins,
+        # so half an interval is left; a third is safe.
         if now - self._awake_at > self._broker.keepalive / 3:
             raise aiomqtt.MqttError("this program stood still; what came meanwhile is ignored")
         self._awake_at = now

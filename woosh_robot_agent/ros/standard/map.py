@@ -128,7 +128,7 @@ class Map(Part):
     """Publishes map and keepout_mask on demand, and when the scene, map or version changes.
 
     A map can have many MiB, so it is requested only for a subscriber. Failed requests are retried.
-    While the robot is making a map, that map is published instead, whenever the robot reports it.
+    While the robot is making a map, this growing map is published instead, whenever it is reported.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -143,8 +143,8 @@ class Map(Part):
         """The scene's map that was published last; None if it has to be published again."""
         self._not_before = -math.inf
         """Loop time before which the map is not requested again."""
-        self._epoch = object()
-        """Replaced when the robot no longer makes a map; a map requested before is dropped."""
+        self._finished_maps = 0
+        """Number of maps that the robot has finished; a map requested before is dropped."""
         self._shows_growing = False
         """True if the last message was a map that the robot was making."""
         self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
@@ -178,7 +178,7 @@ class Map(Part):
     def _map_finished(self) -> None:
         """Request the scene's map again: a new map can replace one with the same version."""
         self._published = None
-        self._epoch = object()
+        self._finished_maps += 1
         self._not_before = -math.inf
         if self._shows_growing and not self._subscribers.present:
             # a later subscriber must not get the unfinished map, which is latched
@@ -187,7 +187,7 @@ class Map(Part):
 
     async def _publish_growing(self) -> None:
         """Publish the last report of the map that the robot is making, if there is a new one."""
-        epoch, report = self._epoch, self._growing.take()
+        finished, report = self._finished_maps, self._growing.take()
         if report is None:
             return
         origin = Pose2D(report.origin_x, report.origin_y)
@@ -198,7 +198,7 @@ class Map(Part):
                 BuildMapData, f"no map while the robot is making one, {error}"
             )
             return
-        if epoch is not self._epoch or not self._growing.active:
+        if finished != self._finished_maps or not self._growing.active:
             return
         self._publisher.publish(message)
         self._published = None
@@ -206,7 +206,7 @@ class Map(Part):
 
     async def _update(self) -> None:
         """Request the map that the robot uses, and publish it with its mask."""
-        used, epoch = self._used, self._epoch
+        used, finished = self._used, self._finished_maps
         if used is None:
             return
         self._not_before = asyncio.get_running_loop().time() + _RETRY_DELAY
@@ -222,7 +222,7 @@ class Map(Part):
             self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
             return
         mask = await self._keepout_mask(area, message)
-        is_outdated = epoch is not self._epoch or used != self._used
+        is_outdated = finished != self._finished_maps or used != self._used
         if is_outdated or self._growing.active:
             return
         self._publisher.publish(message)

@@ -169,7 +169,7 @@ class _Stretch(NamedTuple):
     Attributes:
         length: length from the base on, in metres.
         aim: the point on it that the base steers to.
-        second: second corner of the stretch; None if the base stops at the first one.
+        second: second corner, to tell if the first is passed; None if the base stops at the first.
     """
 
     length: float

@@ -164,10 +164,10 @@ class GrowingGrid:
             return
         image = Image.new("L", (right - left + 1, top - bottom + 1))
         corners = np.stack((columns - left, rows - bottom), axis=1).ravel().tolist()
-        # Not the sides: they run along walls, and distant echoes hit only some cells of a wall.
+        # The sides are left out: between two distant echoes, they run through cells of a wall.
         ImageDraw.Draw(image).polygon(corners, fill=1, outline=0)
         passed = np.array(image).view(np.int8)
-        passed[rows - bottom, columns - left] = 0  # nor the corners, which may be echoes
+        passed[rows - bottom, columns - left] = 0  # so are the corners, which may be echoes
         part = self._evidence[
             bottom - self._bottom : top - self._bottom + 1,
             left - self._left : right - self._left + 1,

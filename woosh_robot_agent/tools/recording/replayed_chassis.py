@@ -205,7 +205,7 @@ class ReplayedChassis:
             if not self._loop:
                 return
             self._base = None
-            await self._wait_until_received()
+            await self._wait_until_sent()
             self._drop_clients()
 
     async def _carry_out(self, step: Step) -> None:
@@ -216,7 +216,7 @@ class ReplayedChassis:
             await self._listen()
         elif step.kind == "lost":
             _LOG.info("%.3f s: dropping the connection, as recorded", step.t)
-            await self._wait_until_received()
+            await self._wait_until_sent()
             await self._go_offline()
         elif step.kind == "subscribed":
             await self._wait_for_client(subscribed=True)
@@ -250,7 +250,7 @@ class ReplayedChassis:
         await self._changed.wait()
 
     def _push(self, step: Step) -> None:
-        """Send a push to the clients that get it, each in its own encoding."""
+        """Send a push to its subscribers, or to all if it came without a subscription."""
         for client, codec in list(self._clients.items()):
             if step.subscribed:
                 if step.type not in client.topics:
@@ -273,7 +273,7 @@ class ReplayedChassis:
             self._listeners.append(listener)
         self.port, self.tcp_port = (listener.port for listener in self._listeners)
 
-    async def _wait_until_received(self) -> None:
+    async def _wait_until_sent(self) -> None:
         """Wait until all frames for the clients have been sent, with a timeout."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + _FLUSH_TIMEOUT
