@@ -15,6 +15,7 @@ from woosh_robot_agent.link import Body, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import LARGE, aside
+from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, PoseSpeed, RobotInfo
 
@@ -112,6 +113,17 @@ async def test_pushes_of_the_same_type_wait_and_only_the_newest_count(
         gate.set()
         await eventually(lambda: len(lengths) == 4)
         assert lengths == [POSES, 0, 1, 2]
+
+
+async def test_pushes_go_on_after_a_large_one_that_a_subscriber_cannot_read() -> None:
+    async with Peer() as peer, peer.client() as client:
+        codes: list[int] = []
+        client.subscribe_raw(StatusCode, lambda push: codes.append(push.message().code))
+        wire = await peer.wire()
+        for code in ("no number", 7):
+            await wire.push(full_name(StatusCode), {"code": code, "msg": "x" * LARGE})
+        await eventually(lambda: codes == [7])
+        assert client.stats.bad_frames.total() == 1
 
 
 async def test_a_push_that_a_newer_one_overtook_while_it_was_decoded_is_dropped(

@@ -340,13 +340,11 @@ class Subscriptions:
         """Prepare a value in the thread for large messages, and call the consumers."""
         for consumer in tuple(consumers):
             try:
-                prepared = await aside(consumer.prepare, value)
+                call_logged(consumer.callback, await aside(consumer.prepare, value))
             except FrameError:  # `_count_bad` has logged it
                 return
             except Exception:
                 _LOG.exception("a callback failed")
-                continue
-            call_logged(consumer.callback, prepared)
 
     def _count_bad(self, name: str, error: FrameError) -> None:
         """Count and log a push of type `name` that cannot be read."""
