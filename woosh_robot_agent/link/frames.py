@@ -8,7 +8,8 @@ from typing import Any, NoReturn, Protocol, TypeVar
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link.protos import message_types
+from woosh_robot_agent.link.protos import full_name, message_types
+from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.sentences import REFUSED
 
 M = TypeVar("M", bound=Message)
@@ -17,6 +18,9 @@ E = TypeVar("E", bound="FieldError")
 
 SUBSCRIPTION_TYPE = "woosh.Subscription"
 """`type` of a subscribe frame, which is not the full name of its body's message."""
+
+SUBSCRIPTION_TYPES = (SUBSCRIPTION_TYPE, full_name(Subscription))
+"""Every `type` by which clients subscribe: some use the full name."""
 
 _LONGEST_TYPE = 200
 """Longest type name that is kept, in characters. Real ones are less than half as long."""

@@ -92,12 +92,8 @@ class SimulatedChassis(Server):
         self.stop_clock()
         self._injector.clear()  # otherwise, paused connections could not close
         await self.settle()
-        await self._connections.close()
+        await self._close_connections()
         await self._ports.close(reserve=False)
-
-    async def wait_disconnected(self) -> None:
-        """Wait until no client is connected."""
-        await self._connections.wait_disconnected()
 
     def on_step(self) -> None:
         self._injector.advance(TIME_STEP)
@@ -121,7 +117,8 @@ class SimulatedChassis(Server):
     def clear_faults(self) -> None:
         """End all faults, and send at once all frames that they delay."""
         self._injector.clear()
-        self._connections.send_delayed()
+        for client in list(self._handler.clients):
+            client.send_delayed()
 
     @property
     def faults(self) -> list[Injection]:
@@ -212,10 +209,6 @@ class SimulatedChassis(Server):
     def intercept(self, interceptor: Interceptor) -> Callable[[], None]:
         """Pass all outgoing frames through `interceptor`, and return a function that removes it."""
         return add_hook(self.hooks.interceptors, interceptor)
-
-    def send_raw(self, data: str | bytes) -> None:
-        """Send a frame unchanged to every client, except to those that call over HTTP."""
-        self._connections.send_raw(data)
 
     def _replace_fault(self, name: str, type_name: str, **arguments: object) -> None:
         """Start a fault for a request type, and end faults of the same name for this type."""

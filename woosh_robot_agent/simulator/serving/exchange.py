@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs import server_codec
-from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Codec, FrameError
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, SUBSCRIPTION_TYPES, Codec, FrameError
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.server import ConnectedClient, Encoded, ServerTransport
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
@@ -195,9 +195,6 @@ _MAX_RECEIVED = 10_000
 _MAX_RECEIVED_BYTES = 64 * 1024 * 1024
 """Maximum size of all kept messages together, in bytes."""
 
-_SUBSCRIPTIONS = (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name)
-"""Types that mark a subscription in a frame's envelope."""
-
 
 class Received(NamedTuple):
     """A message from a client, and its full name; a subscription has `woosh.Subscription`."""
@@ -346,7 +343,7 @@ class MessageHandler:
         """
         envelope = codec.decode(data)
         name = envelope.type
-        if name in _SUBSCRIPTIONS:
+        if name in SUBSCRIPTION_TYPES:
             subscription = codec.body(envelope, Subscription)
             return Request(client, codec, SUBSCRIPTION_TYPE, 0, subscription)
         if not name:

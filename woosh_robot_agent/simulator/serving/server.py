@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
+import socket
 
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.frames import FrameError
+from woosh_robot_agent.link.server import (
+    Listener,
+    ServerTransport,
+    serve_tcp,
+    serve_websocket,
+)
+from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.serving.connections import Connections, Ports
-from woosh_robot_agent.simulator.serving.exchange import Hooks, MessageHandler
+from woosh_robot_agent.simulator.serving.exchange import Client, Hooks, MessageHandler
+from woosh_robot_agent.simulator.serving.http import HttpCalls, HttpTransport
 
 _LOG = logging.getLogger(__name__)
+
+_CLOSE_TIMEOUT = 0.3
+"""Timeout for an orderly close of a connection, in seconds."""
 
 _MIN_STEP = 0.005
 """Minimum real duration of a step within which the simulated time advances too, in seconds.
@@ -33,6 +46,130 @@ _MAX_LAG = 10.0
 """Maximum lag of the simulation that is caught up, in seconds of real time. The rest is skipped."""
 
 
+class Ports:
+    """The WebSocket and HTTP port, and the TCP port. They can be closed, and opened again.
+
+    Attributes:
+        port: port of WebSocket and HTTP; 0 before `listen` if any free port may be used.
+        tcp_port: TCP port; likewise.
+    """
+
+    def __init__(self, server: Server) -> None:
+        self._config = server.config
+        self.port = self._config.port
+        self.tcp_port = self._config.tcp_port
+        self._server = server
+        self._listeners: list[Listener] = []
+        """Listeners of both ports, empty while they are closed."""
+        self._reserved: list[socket.socket] = []
+        """Sockets that keep the ports reserved while they are closed."""
+        self._changing = asyncio.Lock()
+        """Held while the ports are opened or closed."""
+        self._last_change: asyncio.Task[None] | None = None
+        """The last task of `set_listening`."""
+
+    async def listen(self) -> None:
+        """Start listening, unless the ports are open already.
+
+        Raises:
+            OSError: a port is in use.
+        """
+        async with self._changing:
+            if not self._listeners:
+                await self._open()
+
+    async def close(self, *, reserve: bool) -> None:
+        """Stop listening.
+
+        Args:
+            reserve: True to keep the ports reserved, so that no other program can take them.
+        """
+        async with self._changing:
+            await self._close(reserve)
+
+    def drop(self) -> None:
+        """Abort all connections of the WebSocket port, also those between two HTTP requests."""
+        for listener in self._listeners:
+            listener.drop()
+
+    def set_listening(self, on: bool) -> None:
+        """Start or stop listening in the background, after earlier changes. Failures are logged."""
+        previous = self._last_change
+
+        async def change() -> None:
+            if previous:
+                await asyncio.wait({previous})
+            try:
+                await (self.listen() if on else self.close(reserve=True))
+            except OSError as error:
+                _LOG.error("cannot listen again on %s: %s", self._config.host, error)
+
+        self._last_change = asyncio.ensure_future(change())
+
+    async def settle(self) -> None:
+        """Wait until the last `set_listening` has taken effect."""
+        if self._last_change:
+            await asyncio.wait({self._last_change})
+
+    async def _open(self) -> None:
+        """Listen on both ports, or on none.
+
+        Raises:
+            OSError: a port is in use.
+        """
+        config, server = self._config, self._server
+        try:
+            websocket = await serve_websocket(
+                server._serve,
+                config.host,
+                self.port,
+                max_size=config.max_frame,
+                before_handshake=server._wait_readable,
+                respond=server._http_calls.respond,
+                # Otherwise a browser on this machine would let any web page connect.
+                local_pages_only=config.local,
+            )
+            self._listeners.append(websocket)
+            tcp = await serve_tcp(
+                server._serve, config.host, self.tcp_port, max_size=config.max_frame
+            )
+            self._listeners.append(tcp)
+        except OSError:
+            await self._close(reserve=False)
+            raise
+        self.port, self.tcp_port = websocket.port, tcp.port
+        self._free_reserved()  # not before: another program could have taken the ports
+
+    async def _close(self, reserve: bool) -> None:
+        """Stop listening, and reserve the ports or free them."""
+        listeners, self._listeners = self._listeners, []
+        await asyncio.gather(*(listener.close() for listener in listeners))
+        if listeners or not reserve:  # otherwise the ports are reserved already
+            self._free_reserved()
+        for listener in listeners if reserve else ():
+            for family, address in listener.addresses:
+                self._reserve(family, address)
+
+    def _reserve(self, family: int, address: tuple[str, int]) -> None:
+        """Bind a port without listening, so that connections to it are refused.
+
+        Otherwise the kernel might assign it to another program, or to the local end of a client's
+        connection.
+        """
+        reserved = socket.socket(family)
+        self._reserved.append(reserved)
+        reserved.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            reserved.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        with contextlib.suppress(OSError):  # already taken: listening again will report it
+            reserved.bind(address)
+
+    def _free_reserved(self) -> None:
+        for reserved in self._reserved:
+            reserved.close()
+        self._reserved.clear()
+
+
 class Server:
     """A robot on a WebSocket and a TCP port, running in the current event loop.
 
@@ -49,8 +186,18 @@ class Server:
         self.chassis = Chassis(self.config)
         self.speed = self.config.speed
         self._handler = MessageHandler(self.chassis, self.config.max_waiting)
-        self._connections = Connections(self._handler, self.config)
-        self._ports = Ports(self.config, self._connections)
+        self._ports = Ports(self)
+        self._paused = False
+        """True if frames are neither read nor sent."""
+        self._full = False
+        """True if the last new client was refused because there were already too many."""
+        self._reading = asyncio.Event()
+        """Set while frames are read."""
+        self._writing = asyncio.Event()
+        """Set while frames are sent."""
+        self._client_left = asyncio.Event()
+        """Set when a client has disconnected; cleared by `wait_disconnected`."""
+        self._http_calls = HttpCalls(self._handler, self.config, self._wait_readable, self._writing)
         self._ticker: asyncio.Task[None] | None = None
         """Task that advances the simulated time, None before the start."""
         self._step_start = 0.0
@@ -71,7 +218,7 @@ class Server:
     @property
     def connections(self) -> int:
         """Number of connected clients."""
-        return self._connections.count
+        return len(self._handler.clients)
 
     @property
     def hooks(self) -> Hooks:
@@ -97,7 +244,7 @@ class Server:
 
     def drop(self) -> None:
         """Abort all connections, as a broken cable would."""
-        self._connections.drop()
+        self._drop_clients()
         self._ports.drop()
 
     def set_listening(self, on: bool) -> None:
@@ -108,11 +255,24 @@ class Server:
 
     def pause_connections(self, paused: bool) -> None:
         """Stop reading and writing without closing the connections (True), or continue (False)."""
-        self._connections.set_paused(paused)
+        self._paused = paused
+        self._update_events()
+        for client in self._handler.clients:
+            if paused:
+                client.transport.pause()
+            else:
+                client.transport.resume()
 
     def freeze(self, frozen: bool) -> None:
         """Stop the simulated time, queue all requests and send nothing (True), or continue."""
-        self._connections.set_frozen(frozen)
+        self._handler.set_frozen(frozen)
+        self._update_events()
+
+    async def wait_disconnected(self) -> None:
+        """Wait until no client is connected."""
+        while self.connections:
+            self._client_left.clear()
+            await self._client_left.wait()
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
@@ -145,14 +305,100 @@ class Server:
         """Push all events and changed states to their subscribers."""
         self._handler.report_changes(while_moving=True)
 
+    def send_raw(self, data: str | bytes) -> None:
+        """Send a frame unchanged to every client, except to those that call over HTTP."""
+        for client in list(self._handler.clients):
+            if not isinstance(client.transport, HttpTransport):
+                client.send(data)
+
     @property
     def backlog(self) -> int:
         """Largest number of frames that wait for one client."""
-        return self._connections.backlog
+        return max((client.backlog for client in self._handler.clients), default=0)
+
+    async def _wait_readable(self) -> None:
+        """Wait while the connections are paused."""
+        await self._reading.wait()
+
+    async def _serve(self, transport: ServerTransport) -> None:
+        """Serve a new connection until it ends."""
+        if not self._admit(transport):
+            transport.abort()
+            return
+        client = Client(transport, self.config.max_outbox)
+        self._handler.join(client)
+        writer = asyncio.ensure_future(client.write(self._writing))
+        _LOG.info("%s connected", transport.peer)
+        if self._paused:
+            transport.pause()
+        try:
+            while True:
+                await self._read(client)
+                await asyncio.sleep(0)  # a burst of one client must not starve the others
+        except TransportClosedError as error:
+            _LOG.info("%s disconnected: %s", transport.peer, error)
+        finally:
+            self._handler.leave(client)
+            self._client_left.set()
+            writer.cancel()
+            await transport.close(_CLOSE_TIMEOUT)
+
+    def _admit(self, transport: ServerTransport) -> bool:
+        """Return True to serve a new connection; otherwise log the reason and return False."""
+        if self.connections >= self.config.max_connections:
+            if not self._full:
+                _LOG.warning(
+                    "%s is refused: there are already %d clients; further ones are refused "
+                    "without a warning until one disconnects",
+                    transport.peer,
+                    self.connections,
+                )
+            self._full = True
+            return False
+        self._full = False
+        if not self._handler.hooks.admit():
+            _LOG.info("%s connected and is dropped by a fault", transport.peer)
+            return False
+        return True
+
+    async def _read(self, client: Client) -> None:
+        """Wait for the next frame of a client, and handle it."""
+        try:
+            data = await client.transport.recv()
+        except FrameError as error:
+            self._handler.skip(client, error)
+        else:
+            await self._reading.wait()
+            try:
+                self._handler.receive(client, data)
+            except Exception:  # from a test's interceptor, for example
+                _LOG.exception("cannot handle a frame of %s", client.transport.peer)
+
+    async def _close_connections(self) -> None:
+        """Close all connections, and abort those that do not close within `_CLOSE_TIMEOUT`."""
+        clients = self._handler.clients
+        closing = [client.transport.close(_CLOSE_TIMEOUT) for client in clients]
+        await asyncio.gather(*closing, return_exceptions=True)
+        self._drop_clients()
+
+    def _drop_clients(self) -> None:
+        for client in list(self._handler.clients):
+            client.drop()
+
+    def _update_events(self) -> None:
+        """Set or clear `_reading` and `_writing`, as the connections are paused or frozen."""
+        for event, is_set in (
+            (self._reading, not self._paused),
+            (self._writing, not (self._paused or self._handler.frozen)),
+        ):
+            if is_set:
+                event.set()
+            else:
+                event.clear()
 
     def start_clock(self) -> None:
         """Start the simulated time, and begin to read and send frames."""
-        self._connections.open()
+        self._update_events()
         self._step_start = asyncio.get_running_loop().time()
         self._ticker = asyncio.ensure_future(self._tick())
 

@@ -14,7 +14,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.codecs import server_codec
 from woosh_robot_agent.link.codecs.json_codec import is_repeated, is_well_known, json_names
-from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPES, Envelope, FrameError
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode, StatusCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, ScannerData
@@ -201,8 +201,7 @@ class Observations:
         return [each for each in self.answers if each.request == name and each.ok]
 
     def _add_from_client(self, frame: SeenFrame, envelope: Envelope) -> None:
-        if envelope.type in (SUBSCRIPTION_TYPE, Subscription.DESCRIPTOR.full_name):
-            # `SUBSCRIPTION_TYPE` is not a type of the schema
+        if envelope.type in SUBSCRIPTION_TYPES:  # one of which is not a type of the schema
             body = self._body(frame, Envelope(Subscription.DESCRIPTOR.full_name, envelope.body))
             if isinstance(body, Subscription) and body.sub:
                 self.subscribed.update(body.topics)

@@ -10,7 +10,7 @@ from functools import partial
 
 from woosh_robot_agent.link.codecs import JSON, server_codec
 from woosh_robot_agent.link.config import MIB
-from woosh_robot_agent.link.frames import Codec, Envelope, FrameError
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPES, Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.server import (
@@ -27,7 +27,6 @@ from woosh_robot_agent.tools.recording.timeline import (
     Playback,
     Step,
     apply_subscription,
-    is_subscription,
 )
 
 
@@ -323,7 +322,7 @@ class ReplayedChassis:
         envelope = codec.decode(data)
         if client in self._clients:  # otherwise it has just been dropped
             self._clients[client] = codec
-        if is_subscription(envelope):
+        if envelope.type in SUBSCRIPTION_TYPES:
             topics = set(client.topics)
             apply_subscription(topics, envelope, data)
             # a type that was subscribed before keeps the encoding of its own subscription

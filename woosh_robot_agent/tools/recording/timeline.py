@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 from woosh_robot_agent.endpoints import COMMANDS
 from woosh_robot_agent.link.codecs import server_codec
-from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
+from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPES, Envelope, FrameError
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
@@ -37,14 +37,6 @@ def _decode(record: Record) -> Envelope | None:
         return server_codec(record.data).decode(record.data)
     except FrameError:
         return None
-
-
-_SUBSCRIPTION_TYPES = (SUBSCRIPTION_TYPE, full_name(Subscription))
-
-
-def is_subscription(envelope: Envelope) -> bool:
-    """Return True if a client's frame is a request to change its subscriptions."""
-    return envelope.type in _SUBSCRIPTION_TYPES
 
 
 def apply_subscription(topics: set[str], envelope: Envelope, frame: str | bytes) -> None:
@@ -130,7 +122,7 @@ def make_timeline(decoded: Iterable[DecodedRecord], connections: set[int]) -> It
 
 def _client_steps(record: Frame, envelope: Envelope, topics: set[str]) -> Iterator[Step]:
     """Yield the step of a client's frame, if any; update `topics`, the client's subscriptions."""
-    if is_subscription(envelope):
+    if envelope.type in SUBSCRIPTION_TYPES:
         had_none = not topics
         with contextlib.suppress(FrameError):  # the chassis could not read it, either
             apply_subscription(topics, envelope, record.data)
