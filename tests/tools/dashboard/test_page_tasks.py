@@ -84,6 +84,22 @@ async def test_what_became_of_a_task_while_the_link_was_lost(
         await newest(viewer, to="A2", state="completed")
 
 
+async def test_a_lost_link_leaves_in_the_list_what_the_page_knows_of_a_task(
+    real_chassis: SimulatorThread,
+) -> None:
+    ended = [TaskProc(robot_task_id=each, state=task.kCompleted) for each in range(1, 51)]
+    real_chassis.call(lambda simulator: simulator.chassis.tasks.history.extend(ended))
+    async with controlled(real_chassis) as viewer:
+        await viewer.give("goMark", mark="A2")
+        given = await newest(viewer, state="executing")
+        real_chassis.stop_listening()
+        await viewer.until(lambda parts: not parts["link"]["good"])
+        real_chassis.listen()
+        await viewer.until(lambda parts: parts["link"]["good"])
+        later = await newest(viewer, id=given["id"])
+        assert [later[name] for name in ("by", "command")] == [given["by"], given["command"]]
+
+
 async def test_a_task_whose_end_was_not_seen(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.give("goMark", mark="A2")
@@ -155,8 +171,8 @@ async def test_the_answer_to_a_task_that_the_log_has_already_removed_is_ignored(
         raise AssertionError("no task of another program is reported")
 
     log = TaskLog(Robot(LinkConfig("127.0.0.1"), Parts(), control=True, scan_rate=1.0), driver)
-    for task_id in range(1, 52):
+    for task_id in range(1, 102):
         log.given(task_id, "1 (127.0.0.1)", "charge", {})
     log.answered(1, True)
     assert log.running() is None
-    log.answered(51, True)
+    log.answered(101, True)

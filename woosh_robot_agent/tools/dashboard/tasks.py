@@ -19,8 +19,9 @@ from woosh_robot_agent.robot.who_drives import Driver
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.robot import Robot
 
-_MAX_TASKS = 50
-"""Number of tasks that are remembered; a robot's own history has as many."""
+_MAX_TASKS = 100
+"""Number of tasks that are remembered: twice as many as a robot's own history has. With 50, the
+tasks of the history would displace the running one."""
 _SAME_MOMENT = 2.0
 """Maximum time between the end of a task and its status code, in seconds."""
 
