@@ -170,6 +170,14 @@ def test_task_follows_the_table_of_its_scene(folder: Path) -> None:
     assert answer_to(chassis, EXEC_TASK, type=1, markNo="758033B0").ok is False
 
 
+def test_a_task_without_a_single_action_is_completed(folder: Path) -> None:
+    nothing = [{"action": 6, "wait_id": 1}]  # a wait of 0 s, which this profile leaves out
+    table = {"task_type": [{"type": 1, "no": 0, "name": "nothing", "order": nothing}]}
+    (folder / "action_groups.json").write_text(json.dumps(table))
+    chassis = SteppedChassis(profile="instant", scenes=(folder,))
+    assert task_reports(chassis, type=1, markNo="758033B0")[-1][0] == "kCompleted"
+
+
 def test_scenes_without_a_table_have_that_of_the_real_robot() -> None:
     real = load_scene(SCENE).action_groups
     assert SteppedChassis().chassis.scene.action_groups.groups == real.groups

@@ -53,7 +53,7 @@ def task_jobs(
     direction: util_task_pb2.Direction,
     target: Mark | Navigate,
 ) -> list[Job]:
-    """Return the jobs of a task.
+    """Return the jobs of a task, at least one.
 
     If the profile says so, a robot that stands at a charger leaves it first. A target that is not a
     mark has no dock. Actions that enter a dock are then left out, and with them the actions that
@@ -95,7 +95,7 @@ def task_jobs(
             jobs.append(dock_job(robot, -distance, util_action_pb2.kSecondposQuit))
         else:
             jobs.append(_step(robot, each))
-    return jobs
+    return jobs or [Wait(0.0)]
 
 
 def _step(robot: Robot, action: Action) -> Job:
