@@ -382,7 +382,8 @@ def _invalid_utf8(injection: Injection, codec: Codec, data: str | bytes) -> Enco
 def _unknown_fields(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     if isinstance(data, str):
         frame: Json = json.loads(data)
-        frame["body"][_UNKNOWN_NAME] = _UNKNOWN_VALUE
+        if isinstance(frame["body"], dict):  # "wrong_field_type" may have replaced it
+            frame["body"][_UNKNOWN_NAME] = _UNKNOWN_VALUE
         return _json({_UNKNOWN_NAME: _UNKNOWN_VALUE, **frame})
     unknown = _tag(_UNKNOWN_NUMBER, _DELIMITED) + varint(3) + b"new"
     pack = MessagePackJson.FromString(data)
@@ -400,7 +401,7 @@ def _wrong_field_type(injection: Injection, codec: Codec, data: str | bytes) -> 
     if isinstance(data, str):
         frame: Json = json.loads(data)
         body = frame["body"]
-        if body:
+        if body and isinstance(body, dict):  # not yet replaced by this fault
             name = injection.rng.choice(list(body))
             # A text in place of a list or an object; an object in place of anything else.
             body[name] = "neither" if isinstance(body[name], dict | list) else {"neither": 1}
