@@ -208,6 +208,14 @@ def test_invalid_uploads_are_refused_and_change_nothing(client: JsonClient) -> N
     assert client.refusal("woosh.robot.SwitchMap", request) == "file a.bin is uploaded twice"
 
 
+def test_names_that_come_with_files_lead_nowhere(client: JsonClient) -> None:
+    before = library(client.simulator)
+    for scene, map_name in (("../s", "hall"), ("s", "../../m")):
+        request = switch_request(scene, map_name, note_txt=b"")
+        assert "../" in client.refusal("woosh.robot.SwitchMap", request)
+    assert library(client.simulator) == before
+
+
 def test_total_size_of_uploads_is_limited() -> None:
     big = [FileData(name="big.bin", data=bytes(20 * 1024 * 1024))]
     files = scene_files.merge_files({}, big)

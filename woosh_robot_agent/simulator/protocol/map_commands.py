@@ -44,11 +44,15 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> None:
     if request.file_datas:
         name = request.scene_name or chassis.scene.name
         old = _old_scene(chassis, name)
+        if old is None:
+            require_name("scene_name", name)
         scene = scene_files.updated_scene(name, old, request.file_datas)
         if scene is None:
             # No file describes the new scene: it gets the current map under a new name.
+            map_name = request.map_name or name
+            require_name("map_name", map_name)
             files = scene_files.merge_files({}, request.file_datas)
-            area = dataclasses.replace(chassis.map, name=request.map_name or name, version=1)
+            area = dataclasses.replace(chassis.map, name=map_name, version=1)
             scene = dataclasses.replace(
                 chassis.scene, name=name, maps=[area], start_map="", files=files
             )
