@@ -115,6 +115,11 @@ def test_list_shows_all_scenes_and_the_current_map(run, chassis, capsys):
     assert rows[1]["marks"] == 11
 
 
+def test_requests_have_the_given_robot_id(run, chassis):
+    run("list", "--robot-id", "7")
+    assert chassis.last("woosh.robot.Scene").robot_id == 7
+
+
 def test_download_saves_all_scenes(run: Run, wire: JsonClient, tmp_path: Path) -> None:
     status, out, err = run("download", "--output", "backup/today")
     assert (status, err) == (0, "")

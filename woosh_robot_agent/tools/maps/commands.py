@@ -17,6 +17,7 @@ from google.protobuf.message import Message
 from rich.markup import escape
 from rich.progress import DownloadColumn, TimeElapsedColumn
 
+from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.link import Answer, ChassisClient, LinkError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import printable
@@ -94,8 +95,9 @@ class MapLibrary:
 
     async def request(self, request: Message) -> Answer:
         """Send a request; return the answer."""
+        make = RequestMaker(self.chassis.config.robot_id)
         try:
-            answer = await self.chassis.request(request)
+            answer = await self.chassis.request(make.address(request))
         except LinkError as error:
             raise MapsError(f"{full_name(request)}: {error}") from None
         if not answer.ok:
