@@ -94,6 +94,13 @@ async def test_answers_are_chosen_by_the_request_in_recorded_order_and_as_late()
             await client.request(SwitchWorkMode(mode=robot.kDeployMode), 0.3)
 
 
+async def test_a_recorded_half_of_a_surrogate_pair_is_replayed() -> None:
+    """E.g. the name of a network that the robot has cut in the middle of a character."""
+    records = exchange(1, "woosh.robot.Speak", 1, {"text": "a"}, "cut \ud83d")
+    async with replaying(*records) as replayed, connected(replayed.port) as (client, _):
+        assert "cut" in (await client.request(Speak(text="a"))).msg
+
+
 def test_answers_without_a_request_are_left_out() -> None:
     stray = (1, 1, "chassis", {"type": "woosh.robot.Mode", "body": {}, "ok": True, "sn": 1234})
     assert prepare(made_up(stray)).answers.unmatched == 1

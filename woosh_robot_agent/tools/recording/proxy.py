@@ -239,7 +239,7 @@ class RecordingProxy:
             self._end(connection, sender, "without a close frame")
             with contextlib.suppress(OSError):  # the receiver is gone, too
                 writer.write_eof()
-        except ConnectionError as error:
+        except OSError as error:  # also a TimeoutError, if the other computer has vanished
             by = sender if is_reading else receiver  # the side whose socket failed
             self._end(connection, by, error.strerror or type(error).__name__)
             abort_transport(writer.transport)

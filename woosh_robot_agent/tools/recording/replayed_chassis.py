@@ -46,7 +46,8 @@ def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | 
     if sn is None:
         return frame
     if isinstance(frame, str):
-        return json.dumps({**json.loads(frame), "sn": sn}, ensure_ascii=False)
+        # in ASCII: half of a surrogate pair, which a robot may send, has no other encoding
+        return json.dumps({**json.loads(frame), "sn": sn})
     pack = MessagePackJson.FromString(frame)
     pack.sn = sn
     return pack.SerializeToString()
