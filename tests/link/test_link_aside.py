@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from google.protobuf.message import Message
 
 from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, linked, soon
 from woosh_robot_agent.link import Body, Sending, SupersededError
@@ -201,6 +202,59 @@ async def test_a_large_request_that_is_withdrawn_while_it_is_encoded_is_not_sent
         assert frame["body"] == {"text": "last"}
         await wire.answer(frame)
         await soon(last)
+
+
+@pytest.mark.parametrize("is_cancelled", [True, False])
+async def test_what_waits_behind_a_large_request_is_sent_when_that_is_given_up(
+    is_cancelled: bool, gate: threading.Event
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        await occupy(peer, client, gate)
+        wire = await peer.wire()
+        large = ask(client, Speak(text="z" * LARGE))
+        behind = ask(client, Speak(text="behind"))
+        await eventually(lambda: client.debug()["outbox"] == 2)
+        if is_cancelled:
+            large.cancel()
+        else:
+            client.withdraw(lambda message: message.ByteSize() > LARGE, "it is not wanted")
+        frame = await wire.next(SPEAK)
+        assert frame["body"] == {"text": "behind"}
+        await wire.answer(frame)
+        await soon(behind)
+        await asyncio.gather(large, return_exceptions=True)
+
+
+async def test_of_two_large_pushes_the_second_is_not_dropped(gate: threading.Event) -> None:
+    async with Peer() as peer, peer.client() as client:
+        lengths: list[int] = []
+        client.subscribe(RobotInfo, lambda push: lengths.append(len(push.model.model)))
+        await occupy(peer, client, gate)
+        wire = await peer.wire()
+        before = client.debug()["tasks"]
+        for corners in (POSES, POSES + 1):
+            await wire.push(full_name(RobotInfo), body(info(corners)))
+        await eventually(lambda: client.debug()["tasks"] == before + 2)  # both have arrived
+        gate.set()
+        await eventually(lambda: POSES + 1 in lengths)
+
+
+@pytest.mark.parametrize(("pushed", "is_outdated"), [(StatusCode, True), (PoseSpeed, False)])
+async def test_an_answer_that_a_newer_push_of_its_type_overtook_is_outdated(
+    pushed: type[Message], is_outdated: bool, gate: threading.Event
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        pushes: list[Message] = []
+        client.subscribe(pushed, pushes.append)
+        await occupy(peer, client, gate)
+        wire = await peer.wire()
+        asked = asyncio.ensure_future(client.request(StatusCode()))
+        frame = await wire.next(full_name(StatusCode))
+        await wire.answer(frame, {"msg": "x" * LARGE})
+        await wire.push(full_name(pushed))
+        await eventually(lambda: pushes)
+        gate.set()
+        assert (await soon(asked)).is_outdated == is_outdated
 
 
 async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays() -> None:

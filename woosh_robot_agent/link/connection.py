@@ -7,7 +7,7 @@ import logging
 import math
 import time
 from collections import OrderedDict
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Collection, Coroutine
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -36,7 +36,7 @@ from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.subscriptions import EVENT_PUSHES
 from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait
 from woosh_robot_agent.link.transport import Transport, TransportClosedError
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotState
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.sentences import NOT_SENT, Sentence, said_by
 
@@ -216,6 +216,7 @@ class Liveness:
 
 
 _LOG = logging.getLogger(__name__)
+_ROBOT_INFO = full_name(RobotInfo)
 _MAX_SN = 2**31 - 1
 """Largest serial number; the next one is 1."""
 _SMALL_FRAME = 4096
@@ -414,7 +415,8 @@ class Connection:
             self._stats.round_trip = self._loop.time() - started
             return answer
         finally:
-            self._outbox.pop(sn, None)  # the caller no longer waits: do not send it later
+            if self._outbox.pop(sn, None) is not None:  # the caller no longer waits for it
+                self._outbox_changed.set()  # another frame may be the first one now
             del self._pending[sn]
             self._urgent_pending -= urgent
 
@@ -423,6 +425,7 @@ class Connection:
         for sn, pending in self._pending.items():
             if sn in self._outbox and which(pending.message):
                 del self._outbox[sn]
+                self._outbox_changed.set()  # another frame may be the first one now
                 if not pending.future.done():
                     pending.future.set_exception(SupersededError(NOT_SENT(reason=reason)))
 
@@ -621,11 +624,15 @@ class Connection:
         except Exception as error:
             self._fail_unexpectedly(error)
 
-    def _receive(self, envelope: Envelope, *, alone: bool) -> None:
+    def _receive(
+        self, envelope: Envelope, *, alone: bool, overtaken_by: Collection[str] = frozenset()
+    ) -> None:
         """Pass on a valid frame: an answer to its request, a push to `on_push`.
 
         Args:
             alone: True if it is known that no other frame was waiting to be read.
+            overtaken_by: types of the pushes that were read after this frame, and are passed on
+                already.
         """
         self._stats.rx += 1
         self._liveness.note_alive()
@@ -634,10 +641,11 @@ class Connection:
         if envelope.timestamp is not None:
             self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
         if envelope.sn:
-            self._answer(envelope)
+            self._answer(envelope, overtaken_by)
             return
-        for newer in self._newer:  # an older large push of this type need not be delivered any more
-            newer.add(envelope.type)
+        if not envelope.is_large:  # a large frame overtakes none
+            for newer in self._newer:
+                newer.add(envelope.type)
         self._on_push(envelope, alone)
 
     async def _receive_aside(self, data: str | bytes) -> None:
@@ -674,7 +682,7 @@ class Connection:
         if only_newest_matters and envelope.type in newer:
             self._stats.dropped_pushes[envelope.type] += 1
         elif self._cause is None:  # the connection has not ended meanwhile
-            self._receive(envelope, alone=False)
+            self._receive(envelope, alone=False, overtaken_by=newer)
 
     def _decode_large(self, data: str | bytes) -> Envelope:
         """Return the envelope of a large frame, with its body decoded; runs aside."""
@@ -689,15 +697,18 @@ class Connection:
                 envelope.body = None  # frees the parsed value
         return envelope
 
-    def _answer(self, envelope: Envelope) -> None:
-        """Give an answer to the request that waits for it."""
+    def _answer(self, envelope: Envelope, overtaken_by: Collection[str]) -> None:
+        """Give an answer to the request that waits for it; `overtaken_by` as in `_receive`."""
         pending = self._pending.get(envelope.sn)
         if pending is None or pending.future.done():
             self._stats.late_answers += 1
             _LOG.debug("no request is pending for answer %d (%s)", envelope.sn, envelope.type)
             return
         body = Body(self._codec, envelope, partial(self._count_bad, name=envelope.type))
-        answer = Answer(bool(envelope.ok), envelope.msg, body)
+        # nearly all types are parts of RobotInfo
+        is_info = envelope.type == _ROBOT_INFO
+        is_outdated = envelope.type in overtaken_by or (is_info and bool(overtaken_by))
+        answer = Answer(bool(envelope.ok), envelope.msg, body, is_outdated)
         pending.future.set_result(answer)
         if pending.tap is not None:
             pending.tap(answer)

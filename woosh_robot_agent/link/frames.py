@@ -217,11 +217,14 @@ class Answer:
         ok: True if the chassis accepted the request.
         msg: text from the chassis, unchanged.
         raw: the body, not decoded yet.
+        is_outdated: True if a newer push of the same type, or of a part of RobotInfo, was delivered
+            before this large answer was decoded.
     """
 
     ok: bool
     msg: str
     raw: Body
+    is_outdated: bool = False
 
     @property
     def type(self) -> str:

@@ -125,7 +125,8 @@ class _QueryHandler:
 
         Called in order with the pushes, so that the answer replaces no newer value.
         """
-        if answer.ok and answer.type == self._endpoint.request:
+        is_usable = answer.ok and answer.type == self._endpoint.request
+        if is_usable and not answer.is_outdated:
             last_known = self._robot.last_known
             # decode the previous value now: it stays the last known one if this is unreadable
             last_known.get(answer.type)

@@ -175,7 +175,8 @@ class _ValuePart(Part):
 
     def _answered(self, answer: Answer) -> None:
         """Publish the first value, in order with the pushes, so that it replaces no newer value."""
-        if answer.ok and isinstance(answer.body, self._proto_class):
+        is_usable = answer.ok and not answer.is_outdated
+        if is_usable and isinstance(answer.body, self._proto_class):
             self._publish_converted(self._convert_or_error(answer.body))
 
     def _convert_push(self, body: Body) -> tuple[Message, Any]:
