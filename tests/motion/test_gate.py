@@ -40,7 +40,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
 from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Follow, Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Speak, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 
@@ -436,27 +436,39 @@ async def test_a_task_of_another_client_that_a_stop_did_not_reach_is_cancelled(a
             await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
 
 
-@pytest.mark.parametrize("between_tasks", [False, True])
-async def test_a_stop_ends_a_whole_task_set(between_tasks: bool) -> None:
+@pytest.mark.parametrize("when", ["before the first task", "during a task", "between two tasks"])
+async def test_a_stop_ends_a_whole_task_set(when: str) -> None:
     """Real robots go on with the next task of a set when the cancelled one has ended."""
+    set_id = 1719959961
 
     def task(number: int, state: str) -> Frame:
-        return {"robotTaskId": str(1719959961 * 100 + number), "state": state}
+        return {"robotTaskId": str(set_id * 100 + number), "state": state}
 
     async with gated(hold=0.0, effect=NEVER) as rig:
+        begins = [task(1, "kExecuting")]
         ended = [task(1, "kCanceled"), {}]  # an empty report follows
-        await rig.wire.push("woosh.robot.TaskProc", task(1, "kExecuting"))
-        await eventually(lambda: rig.gate.owner)
-        if between_tasks:
+        if when == "before the first task":
+            await ok(rig.gate.request(ExecPreTask(task_set_id=set_id)))
+        else:
+            for report in begins:
+                await rig.wire.push("woosh.robot.TaskProc", report)
+            await eventually(lambda: rig.gate.owner)
+        if when == "between two tasks":
             for report in ended:
                 await rig.wire.push("woosh.robot.TaskProc", report)
             await eventually(lambda: not rig.gate.owner)
+        sent = len(types(rig.wire))
         assert (await soon(rig.gate.stop(TIMEOUT))).success
-        for number in (2, 3):
-            for report in [*ended, task(number, "kExecuting")]:
+        goes_on = [
+            [*ended, task(2, "kExecuting")],
+            [task(2, "kCanceled"), {}, task(3, "kExecuting")],
+        ]
+        if when == "before the first task":
+            goes_on.insert(0, begins)
+        for stops, reports in enumerate(goes_on, 2):
+            for report in reports:
                 await rig.wire.push("woosh.robot.TaskProc", report)
-            await eventually(lambda number=number: len(types(rig.wire)) == number * ORDERS)
-            ended = [task(number, "kCanceled"), {}]
+            await eventually(lambda stops=stops: len(types(rig.wire)) == sent + stops * ORDERS)
         await begins_uncancelled(rig)
 
 

@@ -270,7 +270,7 @@ class MotionGate:
         """Number of the task that the chassis had accepted and not begun at the last stop, in
         `WheelOwner.acceptances`; 0 without one."""
         self._stopped_task = 0
-        """Id of the task that was reported last before the last stop; 0 without one."""
+        """Id of the task that was reported last before the last stop or late cancel; 0 without."""
         self._stop_answered = -math.inf
         """Monotonic time at which the chassis had last answered all requests of a stop; infinite
         during a stop."""
@@ -341,7 +341,6 @@ class MotionGate:
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
         owner = self._reported_owner
         self._awaited_task = owner.acceptances if owner.awaits_task else 0
-        self._stopped_task = owner.task_id
         self._stop_answered = math.inf
         try:
             return await self._send_stop(timeout)
@@ -350,6 +349,7 @@ class MotionGate:
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
+        self._stopped_task = self._reported_owner.task_id
         orders = cancel_orders()
         # each goes to the front of the queue, so the first one to send, the zero, is queued last
         queued = [*reversed(orders.values()), Twist()]
