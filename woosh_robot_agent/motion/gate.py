@@ -636,10 +636,9 @@ class MotionGate:
         )
 
     def _is_awaited_task(self) -> bool:
-        """Return True, once, if it is the task that had been accepted before the last stop."""
-        number, self._awaited_task = self._awaited_task, 0
+        """Return True if what begins now is the task that was accepted before the last stop."""
         stopped = max(self._stop_called, self._stop_answered)
-        is_same = number == self._reported_owner.acceptances > 0
+        is_same = self._reported_owner.acceptances == self._awaited_task > 0
         return is_same and time.monotonic() < stopped + self.timing.effect
 
     def _is_next_of_set(self) -> bool:
