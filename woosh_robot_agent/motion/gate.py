@@ -235,16 +235,24 @@ class MotionGate:
     Args:
         chassis: the link.
         open_goals: returns the number of goals that the robot may be executing; by default none.
+        on_late_stop: called when what began just after a stop was cancelled, too, with the answers
+            and the loop time at which this was requested.
 
     Attributes:
         superseded: number of velocities that were not sent because they were out of date.
         timing: times in the rules; may be replaced at any time.
     """
 
-    def __init__(self, chassis: ChassisClient, open_goals: Callable[[], int] = lambda: 0) -> None:
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        open_goals: Callable[[], int] = lambda: 0,
+        on_late_stop: Callable[[StopReport, float], None] = lambda report, given: None,
+    ) -> None:
         self._chassis = chassis
         self._send = chassis.reserve(commands_motion)  # rule 1
         self._open_goals = open_goals
+        self._on_late_stop = on_late_stop
         self._reported_owner = WheelOwner(chassis, self._start_reported)
         self.timing = MotionTiming()
         self._velocities = LatestWins[Answer](lambda: self.timing)
@@ -659,10 +667,12 @@ class MotionGate:
         The cancels of the stop came too early, and had no effect on it.
         """
         _LOG.warning("what the last stop should have prevented has begun: cancelling it")
+        given = time.monotonic()
         report = await self._send_stop(self.timing.effect)
         self._stop_answered = time.monotonic()  # now the rest of a set may begin
         if not report.success:
             _LOG.error("%s", report.message)
+        self._on_late_stop(report, given)
 
     def _link_changed(self, state: LinkState) -> None:
         """Watch for stalls while there is a link or one is being opened."""

@@ -8,6 +8,7 @@ import json
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -27,7 +28,7 @@ from tests.tools.dashboard.pages import (
     say,
 )
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.motion import VelocityDriver
+from woosh_robot_agent.motion import VelocityDriver, gate
 from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     LED,
@@ -41,7 +42,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     SwitchWorkMode,
     Twist,
 )
-from woosh_robot_agent.pb.robot.robot_pb2 import Scene
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, Scene, TaskProc
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
@@ -423,6 +424,22 @@ async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift(
         lift.state = kRosSuccess
         chassis.push(Feedbacks(fbs=[lift]))
         await viewer.until(lambda parts: not parts["fleet"][0]["alarm"])
+
+
+async def test_what_begins_after_a_stop_and_is_not_cancelled_raises_the_alarm(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stop succeeds while a task of another client has been accepted and not begun."""
+    monkeypatch.setattr(gate, "MotionTiming", partial(MotionTiming, effect=4.0))
+    async with controlled(chassis) as viewer:
+        chassis.refuse(full_name(ActionOrder), "Request failed")
+        chassis.push(RobotState(state=robot.kTask))
+        await viewer.until(lambda parts: parts["robot"]["state"] == "task")
+        await viewer.give("stop")
+        assert not viewer.parts["fleet"][0]["alarm"]
+        chassis.push(TaskProc(robot_task_id=7, state=task.kExecuting))
+        alarm = await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
+        assert "NOT STOPPED: cancel of task: Request failed" in say(alarm)
 
 
 @pytest.mark.parametrize("how", ["release", "watch"])
