@@ -195,11 +195,12 @@ async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_
         assert speeds(rig.wire) == [0, 0]
 
 
+@pytest.mark.parametrize("state", ["kExecuting", "kPaused"])
 @pytest.mark.parametrize(
     "refuse", [refuse_zeros, refusing(lambda frame: is_zero(frame) or is_task_order(frame))]
 )
 async def test_a_zero_that_is_refused_until_the_task_has_ended_is_sent_again_then(
-    refuse: Script,
+    refuse: Script, state: str
 ) -> None:
     """A real robot ends a task some time after it has accepted the cancel, or an earlier one."""
     ended = False
@@ -208,8 +209,10 @@ async def test_a_zero_that_is_refused_until_the_task_has_ended_is_sent_again_the
         return await (answer_all if ended else refuse)(wire, frame)
 
     async with gated(chassis, effect=NEVER) as rig:
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
-        await eventually(lambda: rig.gate.owner)
+        before = rig.client.stats.rx
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "state": state})
+        await eventually(lambda: rig.client.stats.rx > before)
+        await turns()
         stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
         await eventually(lambda: len(types(rig.wire)) == ORDERS + 1)
         await turns()

@@ -369,26 +369,22 @@ class MotionGate:
         refused = [name for name, answer in answered.items() if _is_refused(answer)]
         # The zero may be refused until the cancels take effect. If it was accepted, wait only for
         # those whose cancel was refused: an earlier one may be taking effect.
-        moved = await self._wait_for_end(orders if _is_refused(zero) else refused)
+        was_active = await self._wait_for_end(orders if _is_refused(zero) else refused)
         # rule 6: not to what was started after the stop
-        if moved and _is_refused(zero) and not self._reported_owner.name:
+        if was_active and _is_refused(zero) and not self._reported_owner.name:
             zero = await self._send_first(Twist(), timeout)
         running = tuple(filter(self._reported_owner.moves, refused))
         return StopReport(zero, answered, running)
 
     async def _wait_for_end(self, names: Collection[str]) -> bool:
-        """Wait until none of these tasks and actions moves the robot, at most `timing.effect`.
-
-        Returns:
-            True if one of them moved the robot.
-        """
+        """Wait until none of these is active, at most `timing.effect`; return True if one was."""
         clock = asyncio.get_running_loop().time
         until = clock() + self.timing.effect
-        moved = False
-        while any(map(self._reported_owner.moves, names)) and clock() <= until:
-            moved = True
+        was_active = False
+        while any(map(self._reported_owner.is_active, names)) and clock() <= until:
+            was_active = True
             await asyncio.sleep(_CHECK_PERIOD)
-        return moved
+        return was_active
 
     async def close(self, timeout: float) -> None:
         """Refuse all further motion, and stop the robot if it may be driving at a velocity.

@@ -99,6 +99,10 @@ class WheelOwner:
         """Return True if something may move the robot: "task", or an action by its short name."""
         return _may_drive(self._task) if what == "task" else what in self._actions
 
+    def is_active(self, what: str) -> bool:
+        """Return True if something has begun and not ended, even a task that is paused."""
+        return is_unfinished(self._task) if what == "task" else what in self._actions
+
     @property
     def awaits_task(self) -> bool:
         """True if the robot has accepted a task, and has not reported that it has begun."""
