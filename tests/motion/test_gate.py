@@ -240,6 +240,7 @@ async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
     [
         ("woosh.robot.TaskProc", RUNNING, "task"),
         ("woosh.ros.Feedbacks", feedback("LiftControl", "kRosExecuting"), "LiftControl"),
+        ("woosh.robot.RobotState", {"state": "kFollowing"}, "Follow"),
     ],
 )
 async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_moves(

@@ -52,15 +52,12 @@ from woosh_robot_agent.link.subscriptions import call_logged
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.requests import commands_motion, may_move, started_by, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
-from woosh_robot_agent.motion.wheel_owner import ACTIONS, TASKS_PER_SET, WheelOwner
+from woosh_robot_agent.motion.wheel_owner import ACTIONS, FOLLOW, TASKS_PER_SET, WheelOwner
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
 from woosh_robot_agent.sentences import NOT_SENT, THEN, Said, Sentence, joined, said_by
-
-_FOLLOW = "Follow"
-"""Name of the request that ends the following of a leader."""
 
 
 def cancel_orders() -> dict[str, Message]:
@@ -76,7 +73,7 @@ def cancel_orders() -> dict[str, Message]:
             member.SetInParent()  # the number of CANCEL_ACTION is 0, which sets no member
             member.action = CANCEL_ACTION
             orders[field.message_type.name] = call
-    orders[_FOLLOW] = Follow()  # without `type`, it ends the following
+    orders[FOLLOW] = Follow()  # without `type`, it ends the following
     return orders
 
 
@@ -110,7 +107,7 @@ class StopReport:
         parts = [_DONE() if stopped else _NOT_STOPPED(reason=reason)]
         # the chassis may accept the end of a following that it was not doing
         cancelled = [
-            name for name, answer in self.cancels.items() if _is_ok(answer) and name != _FOLLOW
+            name for name, answer in self.cancels.items() if _is_ok(answer) and name != FOLLOW
         ]
         parts += [_CANCELLED(what=_name(each)) for each in cancelled]
         if not self.success:
