@@ -103,7 +103,7 @@ class WheelOwner:
         Args:
             what: "task", `FOLLOW`, or an action by its short name.
         """
-        return _may_drive(self._task) if what == "task" else self.is_active(what)
+        return may_drive(self._task) if what == "task" else self.is_active(what)
 
     def is_active(self, what: str) -> bool:
         """Return True if something has begun and not ended."""
@@ -129,8 +129,8 @@ class WheelOwner:
         before, self._task = self._task, report
         self.task_id = report.robot_task_id or self.task_id  # an empty report follows the end
         self._update_name()
-        drove_before = _may_drive(before) and before.robot_task_id == report.robot_task_id
-        if _may_drive(report) and not drove_before:
+        drove_before = may_drive(before) and before.robot_task_id == report.robot_task_id
+        if may_drive(report) and not drove_before:
             self._on_start("task", True)
 
     def _actions_reported(self, reports: Feedbacks) -> None:
@@ -155,12 +155,12 @@ class WheelOwner:
 
     def _update_name(self) -> None:
         """Set `name` by the last reports."""
-        if _may_drive(self._task):
+        if may_drive(self._task):
             self.name = TASK(id=self._task.robot_task_id)
         else:
             self.name = ", ".join(sorted(self._actions & _DRIVING_ACTIONS))
 
 
-def _may_drive(task: TaskProc) -> bool:
+def may_drive(task: TaskProc) -> bool:
     """Return True if a task drives, or may drive on without an order; a paused task may not."""
     return is_unfinished(task) and (task.state != task_pb2.kPaused or is_held_up(task))

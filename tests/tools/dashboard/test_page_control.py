@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 import pytest
+from google.protobuf.message import Message
 
 from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import quick_config
@@ -34,6 +35,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     LED,
     ActionOrder,
     ExecTask,
+    Follow,
     InitRobot,
     PlanNavPath,
     SetRobotPose,
@@ -409,20 +411,40 @@ async def test_a_stop_that_fails_after_a_later_one_was_confirmed_raises_no_alarm
         assert not second.parts["fleet"][0]["alarm"]
 
 
-async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift(
-    chassis: SimulatorThread,
+LIFTS = Feedback(action=full_name(LiftControl), state=kRosExecuting)
+LIFTED = Feedback(action=full_name(LiftControl), state=kRosSuccess)
+
+
+@pytest.mark.parametrize(
+    ("begins", "ends"),
+    [
+        (Feedbacks(fbs=[LIFTS]), Feedbacks(fbs=[LIFTED])),
+        (RobotState(state=robot.kFollowing), RobotState(state=robot.kIdle)),
+        # it waits at a mark, and will drive on
+        *(
+            (
+                TaskProc(robot_task_id=7, state=task.kActionWait),
+                TaskProc(robot_task_id=7, state=end),
+            )
+            for end in (task.kPaused, task.kCanceled)
+        ),
+    ],
+    ids=["lift", "following", "task that is paused", "task that ends"],
+)
+async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift_or_may_drive_on(
+    chassis: SimulatorThread, begins: Message, ends: Message
 ) -> None:
-    lift = Feedback(action=full_name(LiftControl), state=kRosExecuting)
     async with controlled(chassis) as viewer:
-        chassis.push(Feedbacks(fbs=[lift]))
-        await viewer.until(lambda parts: parts["robot"]["actions"])
-        chassis.refuse(full_name(CallAction), "Request failed")
+        state = await viewer.until(lambda parts: parts["robot"])
+        chassis.push(begins)
+        await viewer.until(lambda parts: parts["robot"] != state)
+        for refused in (ActionOrder, CallAction, Follow):
+            chassis.refuse(full_name(refused), "Request failed")
         await viewer.refused("stop")
         await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
         await viewer.passed(3.0)
         assert viewer.parts["fleet"][0]["alarm"]
-        lift.state = kRosSuccess
-        chassis.push(Feedbacks(fbs=[lift]))
+        chassis.push(ends)
         await viewer.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
