@@ -438,38 +438,37 @@ async def test_a_task_of_another_client_that_a_stop_did_not_reach_is_cancelled(a
 
 
 @pytest.mark.parametrize("when", ["before the first task", "during a task", "between two tasks"])
-async def test_a_stop_ends_a_whole_task_set(when: str) -> None:
+@pytest.mark.parametrize("second", [2, 1], ids=["with more tasks", "that is repeated"])
+async def test_a_stop_ends_a_whole_task_set(when: str, second: int) -> None:
     """Real robots go on with the next task of a set when the cancelled one has ended."""
     set_id = 1719959961
 
-    def task(number: int, state: str) -> Frame:
-        return {"robotTaskId": str(set_id * 100 + number), "state": state}
+    async def report(number: int, state: str) -> None:
+        body = {"robotTaskId": str(set_id * 100 + number), "state": state}
+        await rig.wire.push("woosh.robot.TaskProc", body)
+
+    async def ends(number: int) -> None:
+        await report(number, "kCanceled")
+        await rig.wire.push("woosh.robot.TaskProc", {})
+        await eventually(lambda: not rig.gate.owner)
 
     async with gated(hold=0.0, effect=NEVER) as rig:
-        begins = [task(1, "kExecuting")]
-        ended = [task(1, "kCanceled"), {}]  # an empty report follows
         if when == "before the first task":
             await ok(rig.gate.request(ExecPreTask(task_set_id=set_id)))
         else:
-            for report in begins:
-                await rig.wire.push("woosh.robot.TaskProc", report)
+            await report(1, "kExecuting")
             await eventually(lambda: rig.gate.owner)
         if when == "between two tasks":
-            for report in ended:
-                await rig.wire.push("woosh.robot.TaskProc", report)
-            await eventually(lambda: not rig.gate.owner)
+            await ends(1)
         sent = len(types(rig.wire))
         assert (await soon(rig.gate.stop(TIMEOUT))).success
-        goes_on = [
-            [*ended, task(2, "kExecuting")],
-            [task(2, "kCanceled"), {}, task(3, "kExecuting")],
-        ]
-        if when == "before the first task":
-            goes_on.insert(0, begins)
-        for stops, reports in enumerate(goes_on, 2):
-            for report in reports:
-                await rig.wire.push("woosh.robot.TaskProc", report)
+        if when == "during a task":
+            await ends(1)
+        numbers = (1, second, 3) if when == "before the first task" else (second, 3)
+        for stops, number in enumerate(numbers, 2):
+            await report(number, "kExecuting")
             await eventually(lambda stops=stops: len(types(rig.wire)) == sent + stops * ORDERS)
+            await ends(number)
         await begins_uncancelled(rig)
 
 

@@ -274,8 +274,8 @@ class MotionGate:
         self._awaited_task = 0
         """Number of the task that the chassis had accepted and not begun at the last stop, in
         `WheelOwner.acceptances`; 0 without one."""
-        self._stopped_task = 0
-        """Id of the task that was reported last before the last stop or late cancel; 0 without."""
+        self._stopped_set = 0
+        """Id of the set of the last task before the last stop or late cancel; 0 without one."""
         self._stop_answered = -math.inf
         """Monotonic time at which the chassis had last answered all requests of a stop; infinite
         during a stop."""
@@ -354,7 +354,7 @@ class MotionGate:
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
-        self._stopped_task = self._reported_owner.task_id
+        self._stopped_set = self._reported_owner.task_id // TASKS_PER_SET
         orders = cancel_orders()
         # each goes to the front of the queue, so the first one to send, the zero, is queued last
         queued = [*reversed(orders.values()), Twist()]
@@ -645,14 +645,12 @@ class MotionGate:
     def _is_next_of_set(self) -> bool:
         """Return True if the task that begins now goes on with the set that the last stop ended.
 
-        The cancel of a task ends only this task: real robots begin the next one of its set about a
-        second after the end.
+        The cancel of a task ends only this task: real robots begin the next one of its set, or the
+        same one if the set is repeated, about a second after the end.
         """
-        task_id, stopped_set = self._reported_owner.task_id, self._stopped_task // TASKS_PER_SET
-        if task_id == self._stopped_task or not stopped_set == task_id // TASKS_PER_SET > 0:
-            return False
+        is_same = self._reported_owner.task_id // TASKS_PER_SET == self._stopped_set > 0
         # the cancel takes effect, and then the next task begins
-        return time.monotonic() < self._stop_answered + 2 * self.timing.effect
+        return is_same and time.monotonic() < self._stop_answered + 2 * self.timing.effect
 
     async def _cancel_late_start(self) -> None:
         """Cancel what has begun after a stop that should have prevented it.
