@@ -312,7 +312,6 @@ async def test_a_failed_watchdog_of_the_stick_stops_the_robot_and_is_shown(
 
     monkeypatch.setattr(VelocityDriver, "run", fail_for_one)
     async with controlled(chassis, other) as viewer, viewer.holds(0.3):
-        await eventually(lambda: is_driving(chassis))
         await viewer.until(lambda parts: parts["link"]["state"] == "failed")
         await eventually(lambda: is_stopped_by_zero(chassis))
         links = ["failed", "connected"]
