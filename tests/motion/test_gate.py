@@ -40,7 +40,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
 from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.requests import only_reads
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Follow, Speak, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Speak, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 
@@ -195,11 +195,12 @@ async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_
         assert speeds(rig.wire) == [0, 0]
 
 
+@pytest.mark.parametrize("state", ["kExecuting", "kPaused"])
 @pytest.mark.parametrize(
     "refuse", [refuse_zeros, refusing(lambda frame: is_zero(frame) or is_task_order(frame))]
 )
 async def test_a_zero_that_is_refused_until_the_task_has_ended_is_sent_again_then(
-    refuse: Script,
+    refuse: Script, state: str
 ) -> None:
     """A real robot ends a task some time after it has accepted the cancel, or an earlier one."""
     ended = False
@@ -208,8 +209,10 @@ async def test_a_zero_that_is_refused_until_the_task_has_ended_is_sent_again_the
         return await (answer_all if ended else refuse)(wire, frame)
 
     async with gated(chassis, effect=NEVER) as rig:
-        await rig.wire.push("woosh.robot.TaskProc", RUNNING)
-        await eventually(lambda: rig.gate.owner)
+        before = rig.client.stats.rx
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "state": state})
+        await eventually(lambda: rig.client.stats.rx > before)
+        await turns()
         stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
         await eventually(lambda: len(types(rig.wire)) == ORDERS + 1)
         await turns()
@@ -237,6 +240,7 @@ async def test_a_stop_without_the_answer_to_one_cancel_is_a_failure() -> None:
     [
         ("woosh.robot.TaskProc", RUNNING, "task"),
         ("woosh.ros.Feedbacks", feedback("LiftControl", "kRosExecuting"), "LiftControl"),
+        ("woosh.robot.RobotState", {"state": "kFollowing"}, "Follow"),
     ],
 )
 async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_moves(
@@ -397,15 +401,12 @@ async def begins_uncancelled(rig: Rig) -> None:
     assert len(types(rig.wire)) == sent
 
 
-@pytest.mark.parametrize("by_other", [False, True], ids=["from here", "by another client"])
-async def test_what_is_started_after_a_stop_is_not_cancelled(by_other: bool) -> None:
+async def test_what_another_client_starts_after_a_stop_is_not_cancelled() -> None:
     async with gated(hold=0.0, effect=NEVER) as rig:
         await ok(rig.gate.request(ExecTask(task_id=6)))
         await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "robotTaskId": "6"})
         await eventually(lambda: rig.gate.owner == "task 6")
         await soon(rig.gate.stop(TIMEOUT))
-        if not by_other:
-            await ok(rig.gate.request(ExecTask(task_id=7)))
         await begins_uncancelled(rig)
 
 
@@ -436,27 +437,38 @@ async def test_a_task_of_another_client_that_a_stop_did_not_reach_is_cancelled(a
             await eventually(lambda: len(types(rig.wire)) == sent + ORDERS)
 
 
-@pytest.mark.parametrize("between_tasks", [False, True])
-async def test_a_stop_ends_a_whole_task_set(between_tasks: bool) -> None:
+@pytest.mark.parametrize("when", ["before the first task", "during a task", "between two tasks"])
+@pytest.mark.parametrize("second", [2, 1], ids=["with more tasks", "that is repeated"])
+async def test_a_stop_ends_a_whole_task_set(when: str, second: int) -> None:
     """Real robots go on with the next task of a set when the cancelled one has ended."""
+    set_id = 1719959961
 
-    def task(number: int, state: str) -> Frame:
-        return {"robotTaskId": str(1719959961 * 100 + number), "state": state}
+    async def report(number: int, state: str) -> None:
+        body = {"robotTaskId": str(set_id * 100 + number), "state": state}
+        await rig.wire.push("woosh.robot.TaskProc", body)
+
+    async def ends(number: int) -> None:
+        await report(number, "kCanceled")
+        await rig.wire.push("woosh.robot.TaskProc", {})
+        await eventually(lambda: not rig.gate.owner)
 
     async with gated(hold=0.0, effect=NEVER) as rig:
-        ended = [task(1, "kCanceled"), {}]  # an empty report follows
-        await rig.wire.push("woosh.robot.TaskProc", task(1, "kExecuting"))
-        await eventually(lambda: rig.gate.owner)
-        if between_tasks:
-            for report in ended:
-                await rig.wire.push("woosh.robot.TaskProc", report)
-            await eventually(lambda: not rig.gate.owner)
+        if when == "before the first task":
+            await ok(rig.gate.request(ExecPreTask(task_set_id=set_id)))
+        else:
+            await report(1, "kExecuting")
+            await eventually(lambda: rig.gate.owner)
+        if when == "between two tasks":
+            await ends(1)
+        sent = len(types(rig.wire))
         assert (await soon(rig.gate.stop(TIMEOUT))).success
-        for number in (2, 3):
-            for report in [*ended, task(number, "kExecuting")]:
-                await rig.wire.push("woosh.robot.TaskProc", report)
-            await eventually(lambda number=number: len(types(rig.wire)) == number * ORDERS)
-            ended = [task(number, "kCanceled"), {}]
+        if when == "during a task":
+            await ends(1)
+        numbers = (1, second, 3) if when == "before the first task" else (second, 3)
+        for stops, number in enumerate(numbers, 2):
+            await report(number, "kExecuting")
+            await eventually(lambda stops=stops: len(types(rig.wire)) == sent + stops * ORDERS)
+            await ends(number)
         await begins_uncancelled(rig)
 
 

@@ -157,19 +157,31 @@ def test_an_earlier_cancel_that_the_chassis_repeats_ends_no_cancelled_goal(
     assert goal.result(timeout=5.0)[0] == CANCELED
 
 
+@pytest.mark.parametrize("by_other", [False, True], ids=["own", "of another program"])
 @pytest.mark.parametrize("begins", [True, False])
-def test_the_cancel_of_a_replaced_action_ends_no_cancelled_goal(robot: Robot, begins: bool) -> None:
+def test_the_cancel_of_a_replaced_action_ends_no_cancelled_goal(
+    robot: Robot, begins: bool, by_other: bool
+) -> None:
     """It may be reported before the chassis has begun the newer goal."""
     if not begins:
         robot.chassis.refuse(FEEDBACKS, "unknown request")  # no poll helps
     old = until(step(robot, 20.0), ACTION.runs)
+    if by_other:
+        old.cancel()
+        assert old.result()[0] == CANCELED
+        robot.chassis.push(ACTION.report(ACTION.runs, "begins"))
+        wait_until(lambda: robot.agent.agent.robot.gate.owner == "StepControl")
+    sent = robot.chassis.counts[CALL_ACTION]
     remove = robot.chassis.intercept(without_reports)
     robot.chassis.call(lambda sim: setattr(sim.chassis.actions, "tick", lambda dt: None))
     goal = step(robot, 10.0)
-    assert old.wait_aborted().msg == REPLACED
+    if by_other:
+        wait_until(lambda: robot.agent.agent.actions.accepted_goals, "its acceptance")
+    else:
+        assert old.wait_aborted().msg == REPLACED
     replace_answers(robot.chassis, CALL_ACTION, ok=True)  # it has no effect yet
     goal.cancel()
-    robot.chassis.wait_received(CALL_ACTION, 3)
+    robot.chassis.wait_received(CALL_ACTION, sent + 2)
     remove()
     robot.chassis.push(ACTION.report(-2, "replaced by StepControl"))
     wait_served(robot)
@@ -177,7 +189,7 @@ def test_the_cancel_of_a_replaced_action_ends_no_cancelled_goal(robot: Robot, be
         assert not goal.done
         robot.chassis.accept(CALL_ACTION)
         robot.chassis.push(ACTION.report(ACTION.runs, "begins"))
-        robot.chassis.wait_received(CALL_ACTION, 4)
+        robot.chassis.wait_received(CALL_ACTION, sent + 3)
     assert goal.result(timeout=5.0)[0] == CANCELED
 
 

@@ -52,15 +52,12 @@ from woosh_robot_agent.link.subscriptions import call_logged
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.requests import commands_motion, may_move, started_by, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
-from woosh_robot_agent.motion.wheel_owner import ACTIONS, TASKS_PER_SET, WheelOwner
+from woosh_robot_agent.motion.wheel_owner import ACTIONS, FOLLOW, TASKS_PER_SET, WheelOwner
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
 from woosh_robot_agent.sentences import NOT_SENT, THEN, Said, Sentence, joined, said_by
-
-_FOLLOW = "Follow"
-"""Name of the request that ends the following of a leader."""
 
 
 def cancel_orders() -> dict[str, Message]:
@@ -76,7 +73,7 @@ def cancel_orders() -> dict[str, Message]:
             member.SetInParent()  # the number of CANCEL_ACTION is 0, which sets no member
             member.action = CANCEL_ACTION
             orders[field.message_type.name] = call
-    orders[_FOLLOW] = Follow()  # without `type`, it ends the following
+    orders[FOLLOW] = Follow()  # without `type`, it ends the following
     return orders
 
 
@@ -110,7 +107,7 @@ class StopReport:
         parts = [_DONE() if stopped else _NOT_STOPPED(reason=reason)]
         # the chassis may accept the end of a following that it was not doing
         cancelled = [
-            name for name, answer in self.cancels.items() if _is_ok(answer) and name != _FOLLOW
+            name for name, answer in self.cancels.items() if _is_ok(answer) and name != FOLLOW
         ]
         parts += [_CANCELLED(what=_name(each)) for each in cancelled]
         if not self.success:
@@ -235,16 +232,24 @@ class MotionGate:
     Args:
         chassis: the link.
         open_goals: returns the number of goals that the robot may be executing; by default none.
+        on_late_stop: called when what began just after a stop was cancelled, too, with the answers
+            and the loop time at which this was requested.
 
     Attributes:
         superseded: number of velocities that were not sent because they were out of date.
         timing: times in the rules; may be replaced at any time.
     """
 
-    def __init__(self, chassis: ChassisClient, open_goals: Callable[[], int] = lambda: 0) -> None:
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        open_goals: Callable[[], int] = lambda: 0,
+        on_late_stop: Callable[[StopReport, float], None] = lambda report, given: None,
+    ) -> None:
         self._chassis = chassis
         self._send = chassis.reserve(commands_motion)  # rule 1
         self._open_goals = open_goals
+        self._on_late_stop = on_late_stop
         self._reported_owner = WheelOwner(chassis, self._start_reported)
         self.timing = MotionTiming()
         self._velocities = LatestWins[Answer](lambda: self.timing)
@@ -269,8 +274,8 @@ class MotionGate:
         self._awaited_task = 0
         """Number of the task that the chassis had accepted and not begun at the last stop, in
         `WheelOwner.acceptances`; 0 without one."""
-        self._stopped_task = 0
-        """Id of the task that was reported last before the last stop; 0 without one."""
+        self._stopped_set = 0
+        """Id of the set of the last task before the last stop or late cancel; 0 without one."""
         self._stop_answered = -math.inf
         """Monotonic time at which the chassis had last answered all requests of a stop; infinite
         during a stop."""
@@ -341,7 +346,6 @@ class MotionGate:
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
         owner = self._reported_owner
         self._awaited_task = owner.acceptances if owner.awaits_task else 0
-        self._stopped_task = owner.task_id
         self._stop_answered = math.inf
         try:
             return await self._send_stop(timeout)
@@ -350,6 +354,7 @@ class MotionGate:
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
+        self._stopped_set = self._reported_owner.task_id // TASKS_PER_SET
         orders = cancel_orders()
         # each goes to the front of the queue, so the first one to send, the zero, is queued last
         queued = [*reversed(orders.values()), Twist()]
@@ -361,26 +366,22 @@ class MotionGate:
         refused = [name for name, answer in answered.items() if _is_refused(answer)]
         # The zero may be refused until the cancels take effect. If it was accepted, wait only for
         # those whose cancel was refused: an earlier one may be taking effect.
-        moved = await self._wait_for_end(orders if _is_refused(zero) else refused)
+        was_active = await self._wait_for_end(orders if _is_refused(zero) else refused)
         # rule 6: not to what was started after the stop
-        if moved and _is_refused(zero) and not self._reported_owner.name:
+        if was_active and _is_refused(zero) and not self._reported_owner.name:
             zero = await self._send_first(Twist(), timeout)
         running = tuple(filter(self._reported_owner.moves, refused))
         return StopReport(zero, answered, running)
 
     async def _wait_for_end(self, names: Collection[str]) -> bool:
-        """Wait until none of these tasks and actions moves the robot, at most `timing.effect`.
-
-        Returns:
-            True if one of them moved the robot.
-        """
+        """Wait until none of these is active, at most `timing.effect`; return True if one was."""
         clock = asyncio.get_running_loop().time
         until = clock() + self.timing.effect
-        moved = False
-        while any(map(self._reported_owner.moves, names)) and clock() <= until:
-            moved = True
+        was_active = False
+        while any(map(self._reported_owner.is_active, names)) and clock() <= until:
+            was_active = True
             await asyncio.sleep(_CHECK_PERIOD)
-        return moved
+        return was_active
 
     async def close(self, timeout: float) -> None:
         """Refuse all further motion, and stop the robot if it may be driving at a velocity.
@@ -636,23 +637,20 @@ class MotionGate:
         )
 
     def _is_awaited_task(self) -> bool:
-        """Return True, once, if it is the task that had been accepted before the last stop."""
-        number, self._awaited_task = self._awaited_task, 0
+        """Return True if what begins now is the task that was accepted before the last stop."""
         stopped = max(self._stop_called, self._stop_answered)
-        is_same = number == self._reported_owner.acceptances > 0
+        is_same = self._reported_owner.acceptances == self._awaited_task > 0
         return is_same and time.monotonic() < stopped + self.timing.effect
 
     def _is_next_of_set(self) -> bool:
         """Return True if the task that begins now goes on with the set that the last stop ended.
 
-        The cancel of a task ends only this task: real robots begin the next one of its set about a
-        second after the end.
+        The cancel of a task ends only this task: real robots begin the next one of its set, or the
+        same one if the set is repeated, about a second after the end.
         """
-        task_id, stopped_set = self._reported_owner.task_id, self._stopped_task // TASKS_PER_SET
-        if task_id == self._stopped_task or not stopped_set == task_id // TASKS_PER_SET > 0:
-            return False
+        is_same = self._reported_owner.task_id // TASKS_PER_SET == self._stopped_set > 0
         # the cancel takes effect, and then the next task begins
-        return time.monotonic() < self._stop_answered + 2 * self.timing.effect
+        return is_same and time.monotonic() < self._stop_answered + 2 * self.timing.effect
 
     async def _cancel_late_start(self) -> None:
         """Cancel what has begun after a stop that should have prevented it.
@@ -660,10 +658,12 @@ class MotionGate:
         The cancels of the stop came too early, and had no effect on it.
         """
         _LOG.warning("what the last stop should have prevented has begun: cancelling it")
+        given = time.monotonic()
         report = await self._send_stop(self.timing.effect)
         self._stop_answered = time.monotonic()  # now the rest of a set may begin
         if not report.success:
             _LOG.error("%s", report.message)
+        self._on_late_stop(report, given)
 
     def _link_changed(self, state: LinkState) -> None:
         """Watch for stalls while there is a link or one is being opened."""

@@ -36,6 +36,8 @@ ACTIONS = {
 }
 """Short names of the actions that can be cancelled, by protobuf full name: the members of the oneof
 of CallAction whose messages have a field `action`."""
+FOLLOW = "Follow"
+"""Name of the following of a leader, and of the request that ends it."""
 EXECUTING = (kRosExecuting, kRosErrMsg, kRosPauseFailed)
 """States of an action that goes on; kRosErrMsg reports an error on the way, e.g. an obstacle."""
 
@@ -83,8 +85,8 @@ class WheelOwner:
         self.name: str = ""
         self.acceptances = 0
         self.task_id = 0
-        self._has_task = False
-        """True while the state of the robot is that of one with a task."""
+        self._state = 0
+        """The last state of the robot."""
         self._task = TaskProc()
         """The last report on a task."""
         self._actions: set[str] = set()
@@ -96,29 +98,39 @@ class WheelOwner:
         chassis.subscribe(Feedbacks, self._actions_reported)
 
     def moves(self, what: str) -> bool:
-        """Return True if something may move the robot: "task", or an action by its short name."""
-        return _may_drive(self._task) if what == "task" else what in self._actions
+        """Return True if something may move the robot: it is active, and no task that is paused.
+
+        Args:
+            what: "task", `FOLLOW`, or an action by its short name.
+        """
+        return may_drive(self._task) if what == "task" else self.is_active(what)
+
+    def is_active(self, what: str) -> bool:
+        """Return True if something has begun and not ended."""
+        if what == FOLLOW:
+            return self._state == robot_pb2.kFollowing
+        return is_unfinished(self._task) if what == "task" else what in self._actions
 
     @property
     def awaits_task(self) -> bool:
         """True if the robot has accepted a task, and has not reported that it has begun."""
-        return self._has_task and not is_unfinished(self._task)
+        return self._state in _WITH_TASK and not is_unfinished(self._task)
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._state_changed(info.state)
         self._task_changed(info.task_proc)
 
     def _state_changed(self, state: int) -> None:
-        had_task, self._has_task = self._has_task, state in _WITH_TASK
-        self.acceptances += self._has_task and not had_task
+        before, self._state = self._state, state
+        self.acceptances += state in _WITH_TASK and before not in _WITH_TASK
 
     def _task_changed(self, report: TaskProc) -> None:
         """Note the state of the task; call `on_start` if it drives and did not before."""
         before, self._task = self._task, report
         self.task_id = report.robot_task_id or self.task_id  # an empty report follows the end
         self._update_name()
-        drove_before = _may_drive(before) and before.robot_task_id == report.robot_task_id
-        if _may_drive(report) and not drove_before:
+        drove_before = may_drive(before) and before.robot_task_id == report.robot_task_id
+        if may_drive(report) and not drove_before:
             self._on_start("task", True)
 
     def _actions_reported(self, reports: Feedbacks) -> None:
@@ -143,12 +155,12 @@ class WheelOwner:
 
     def _update_name(self) -> None:
         """Set `name` by the last reports."""
-        if _may_drive(self._task):
+        if may_drive(self._task):
             self.name = TASK(id=self._task.robot_task_id)
         else:
             self.name = ", ".join(sorted(self._actions & _DRIVING_ACTIONS))
 
 
-def _may_drive(task: TaskProc) -> bool:
+def may_drive(task: TaskProc) -> bool:
     """Return True if a task drives, or may drive on without an order; a paused task may not."""
     return is_unfinished(task) and (task.state != task_pb2.kPaused or is_held_up(task))

@@ -8,9 +8,11 @@ import json
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
+from google.protobuf.message import Message
 
 from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import quick_config
@@ -27,12 +29,13 @@ from tests.tools.dashboard.pages import (
     say,
 )
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.motion import VelocityDriver
+from woosh_robot_agent.motion import VelocityDriver, gate
 from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     LED,
     ActionOrder,
     ExecTask,
+    Follow,
     InitRobot,
     PlanNavPath,
     SetRobotPose,
@@ -41,7 +44,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     SwitchWorkMode,
     Twist,
 )
-from woosh_robot_agent.pb.robot.robot_pb2 import Scene
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, Scene, TaskProc
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
@@ -309,7 +312,6 @@ async def test_a_failed_watchdog_of_the_stick_stops_the_robot_and_is_shown(
 
     monkeypatch.setattr(VelocityDriver, "run", fail_for_one)
     async with controlled(chassis, other) as viewer, viewer.holds(0.3):
-        await eventually(lambda: is_driving(chassis))
         await viewer.until(lambda parts: parts["link"]["state"] == "failed")
         await eventually(lambda: is_stopped_by_zero(chassis))
         links = ["failed", "connected"]
@@ -408,21 +410,57 @@ async def test_a_stop_that_fails_after_a_later_one_was_confirmed_raises_no_alarm
         assert not second.parts["fleet"][0]["alarm"]
 
 
-async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift(
-    chassis: SimulatorThread,
+LIFTS = Feedback(action=full_name(LiftControl), state=kRosExecuting)
+LIFTED = Feedback(action=full_name(LiftControl), state=kRosSuccess)
+
+
+@pytest.mark.parametrize(
+    ("begins", "ends"),
+    [
+        (Feedbacks(fbs=[LIFTS]), Feedbacks(fbs=[LIFTED])),
+        (RobotState(state=robot.kFollowing), RobotState(state=robot.kIdle)),
+        # it waits at a mark, and will drive on
+        *(
+            (
+                TaskProc(robot_task_id=7, state=task.kActionWait),
+                TaskProc(robot_task_id=7, state=end),
+            )
+            for end in (task.kPaused, task.kCanceled)
+        ),
+    ],
+    ids=["lift", "following", "task that is paused", "task that ends"],
+)
+async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift_or_may_drive_on(
+    chassis: SimulatorThread, begins: Message, ends: Message
 ) -> None:
-    lift = Feedback(action=full_name(LiftControl), state=kRosExecuting)
     async with controlled(chassis) as viewer:
-        chassis.push(Feedbacks(fbs=[lift]))
-        await viewer.until(lambda parts: parts["robot"]["actions"])
-        chassis.refuse(full_name(CallAction), "Request failed")
+        state = await viewer.until(lambda parts: parts["robot"])
+        chassis.push(begins)
+        await viewer.until(lambda parts: parts["robot"] != state)
+        for refused in (ActionOrder, CallAction, Follow):
+            chassis.refuse(full_name(refused), "Request failed")
         await viewer.refused("stop")
         await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
         await viewer.passed(3.0)
         assert viewer.parts["fleet"][0]["alarm"]
-        lift.state = kRosSuccess
-        chassis.push(Feedbacks(fbs=[lift]))
+        chassis.push(ends)
         await viewer.until(lambda parts: not parts["fleet"][0]["alarm"])
+
+
+async def test_what_begins_after_a_stop_and_is_not_cancelled_raises_the_alarm(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stop succeeds while a task of another client has been accepted and not begun."""
+    monkeypatch.setattr(gate, "MotionTiming", partial(MotionTiming, effect=4.0))
+    async with controlled(chassis) as viewer:
+        chassis.refuse(full_name(ActionOrder), "Request failed")
+        chassis.push(RobotState(state=robot.kTask))
+        await viewer.until(lambda parts: parts["robot"]["state"] == "task")
+        await viewer.give("stop")
+        assert not viewer.parts["fleet"][0]["alarm"]
+        chassis.push(TaskProc(robot_task_id=7, state=task.kExecuting))
+        alarm = await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
+        assert "NOT STOPPED: cancel of task: Request failed" in say(alarm)
 
 
 @pytest.mark.parametrize("how", ["release", "watch"])

@@ -27,8 +27,10 @@ from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.util.task_pb2 import kActionWait, kCanceled
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import server
 from woosh_robot_agent.tools.dashboard.access import new_tokens
@@ -187,7 +189,7 @@ def test_an_alarm_is_not_ended_by_what_was_seen_before_the_loss(
     assert browser.text("#alarm")
 
 
-def test_an_alarm_is_not_ended_while_the_robot_moves_sideways(
+def test_an_alarm_is_not_ended_while_the_robot_moves_sideways_or_may_drive_on(
     robot: SimulatedPage, browser: Browser
 ) -> None:
     set_speed(robot, 1.0)
@@ -212,7 +214,13 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways(
     time.sleep(3.0)
     assert robot.state.velocity.left > 0.1
     assert browser.script(both) == [1, True]
-    eventually(lambda: not browser.text("#alarm"), "the end of the step")
+    robot.push(proc := TaskProc(robot_task_id=7, state=kActionWait))
+    eventually(lambda: robot.state.velocity.left == 0.0, "the end of the step")
+    time.sleep(3.0)
+    assert browser.script(both) == [1, True], "a task waits, and will drive on"
+    proc.state = kCanceled
+    robot.push(proc)
+    eventually(lambda: not browser.text("#alarm"), "the end of the task")
 
 
 def test_a_page_whose_address_is_no_longer_valid_or_may_no_longer_stop_says_so(

@@ -81,8 +81,8 @@ class CallActionGoal:
         self._may_be_active = was_active or predecessors > 0
         """True if the action may have been running or paused when the goal came."""
         self.attribution = Attribution(
-            predecessors,
-            # another program's action may still report its cancel
+            max(predecessors, int(was_active)),  # another program's action may be running
+            # one of another program may still report its cancel
             inherited=tuple(Outcome) if predecessors else (Outcome.CANCELED,),
             repeats_ends=True,
             previous=previous,

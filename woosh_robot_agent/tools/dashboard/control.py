@@ -139,7 +139,8 @@ class Control:
     ) -> None:
         self._robot = robot
         self._config = config
-        self._gate = MotionGate(robot.chassis)
+        self.alarm = StopAlarm(robot, on_card_changed)
+        self._gate = MotionGate(robot.chassis, on_late_stop=self.alarm.answered)
         self._limits = VelocityLimits(
             config.max_linear, config.max_angular, _STICK_RATE, config.stick_timeout
         )
@@ -167,7 +168,6 @@ class Control:
             goals=lambda: (),  # the dashboard executes no ROS goals
         )
         self.tasks = TaskLog(robot, self._who_drives.now)
-        self.alarm = StopAlarm(robot, on_card_changed)
         self._on_card_changed = on_card_changed
         self.owner: Viewer | None = None
         self._used_at = -math.inf

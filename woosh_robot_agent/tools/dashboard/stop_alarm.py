@@ -9,8 +9,9 @@ from typing import Any
 
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion.gate import StopReport
-from woosh_robot_agent.motion.wheel_owner import ACTIONS, EXECUTING
+from woosh_robot_agent.motion.wheel_owner import ACTIONS, EXECUTING, may_drive
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.pb.util.robot_pb2 import kFollowing
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.robot import Robot
 
@@ -24,7 +25,8 @@ tell, because robots report none while they move sideways."""
 class StopAlarm:
     """Remembers that a stop was not confirmed, until a later stop is, or the robot stands still.
 
-    A robot that executes an action, e.g. moves a lift, does not stand still.
+    A robot does not stand still while it executes an action, e.g. moves a lift, or a task that may
+    drive on by itself, or follows somebody.
 
     `on_answered` is called after each answer to a stop.
     """
@@ -83,11 +85,13 @@ class StopAlarm:
             self._reason = ""
 
     def _may_move(self) -> bool:
-        """Return False only if the robot reports no action, no speed, and still the same pose.
+        """Return False only if the robot reports no speed, the same pose, and nothing that goes on.
 
         The pose is compared with that at `_maybe_moving_at`.
         """
         view, former = self._robot.view, self._pose
+        if may_drive(view.info.task_proc) or view.info.state == kFollowing:
+            return True
         if any(
             each.action in ACTIONS and each.state in EXECUTING for each in view.actions.values()
         ):

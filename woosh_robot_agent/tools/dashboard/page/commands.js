@@ -130,8 +130,10 @@ function checkAlarm() {
   const seen = !store.outdated.value && store.watching.value === store.chosen.value;
   // robots report no speed while they move sideways
   const stays = pose && Math.hypot(pose.x - standsAt.x, pose.y - standsAt.y) < SAME_PLACE;
-  const acts = store.robot.value?.actions.some(({ state }) => EXECUTING.includes(state)); // e.g. a lift
-  if (!(seen && stays && !acts && !pose.linear && !pose.angular)) {
+  const { actions, task, state } = store.robot.value ?? {};
+  const acts = actions?.some((each) => EXECUTING.includes(each.state)); // e.g. a lift
+  const drivesOn = (task?.running && task.state !== "paused") || state === "following"; // by itself
+  if (!(seen && stays && !acts && !drivesOn && !pose.linear && !pose.angular)) {
     standingSince = now;
     standsAt = pose ?? standsAt;
   }

@@ -122,8 +122,10 @@ export class Connection {
   }
 
   reconnect() {
+    const former = this.socket;
     this.lost(false);
     this.connect();
+    former.close();
   }
 
   /**
@@ -148,9 +150,7 @@ export class Connection {
     const silence = performance.now() - this.receivedAt;
     const connecting = this.socket.readyState === WebSocket.CONNECTING;
     if (silence > (connecting ? CONNECT_TIMEOUT : GIVE_UP)) {
-      const former = this.socket;
       this.reconnect();
-      former.close();
     } else if (silence > SILENCE && !this.problem) {
       this.setProblem("link.noAnswer");
     }
