@@ -85,15 +85,6 @@ def test_figures_of_each_kind_are_measured(smoke, monkeypatch):
     assert not not_positive(found)
 
 
-def test_a_link_is_measured(smoke, monkeypatch):
-    name = "TCP, protobuf"
-    monkeypatch.setattr(links, "LINKS", {name: links.LINKS[name]})
-    found = smoke(links)
-    assert list(found) == [name]
-    assert list(found[name]) == list(links.FIGURES)
-    assert not not_positive(found[name])
-
-
 def test_maps_are_measured_over_a_link(smoke, monkeypatch):
     name = next(iter(links.LINKS))
     monkeypatch.setattr(links, "LINKS", {name: links.LINKS[name]})

@@ -77,26 +77,6 @@ def test_nothing_is_left_of_the_progress_of_a_killed_script(tmp_path: Path) -> N
         step.stdout.read()  # ends, although nobody has waited for the script yet
 
 
-def test_the_build_tells_package_and_share(tmp_path: Path) -> None:
-    for name, count in (("woosh_a_msgs", 10), ("woosh_b_msgs", 20), ("tests/ros/c_msgs", 10)):
-        for number in range(count):
-            message = tmp_path / name / "msg" / f"M{number}.msg"
-            message.parent.mkdir(parents=True, exist_ok=True)
-            message.touch()
-    log = tmp_path / "log" / "latest_build" / "woosh_b_msgs" / "stdout.log"
-    log.parent.mkdir(parents=True)
-    log.write_text("[1/10] first\n[5/10] second\nsomething\n")
-    (tmp_path / "colcon").write_text(
-        "Starting >>> woosh_a_msgs\nStarting >>> woosh_b_msgs\nFinished <<< woosh_a_msgs\n"
-    )
-    packages = "woosh_a_msgs woosh_b_msgs tests/ros/c_msgs"
-    script = f". {SCRIPTS}/progress; progress_packages colcon {packages}"
-    done = subprocess.run(
-        ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "50 % of the message packages are built, now woosh_b_msgs\n"
-
-
 @pytest.fixture
 def releases(tmp_path: Path) -> Path:
     """A checkout, with a space in its path, in which Jazzy and Kilted have been set up."""
