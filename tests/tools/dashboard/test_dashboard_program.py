@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import signal
 import ssl
-import subprocess
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -70,17 +68,6 @@ async def test_the_page_is_served_over_https_and_a_robot_that_is_named_twice_is_
                 pass
         process.send_signal(signal.SIGINT)
         await eventually(lambda: process.poll() == 0)
-
-
-def test_a_key_that_does_not_fit_the_certificate_is_refused(
-    certificate: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    key = tmp_path / "other.pem"
-    curve = ["ecparam", "-genkey", "-name", "prime256v1"]
-    subprocess.run(["openssl", *curve, "-out", str(key)], check=True, capture_output=True)
-    with pytest.raises(SystemExit):
-        main(["--ip", "127.0.0.1", *certificate[:2], "--tls-key", str(key)])
-    assert "cannot use --tls-cert and --tls-key: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -54,27 +54,6 @@ from woosh_robot_agent.tools.dashboard.part_data import (
 )
 
 
-async def test_a_page_gets_the_state_of_the_robot(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        pose = await viewer.until(lambda parts: parts["pose"])
-        actual = chassis.state.pose
-        assert math.isclose(pose["x"], actual.x, abs_tol=0.01)
-        assert math.isclose(pose["y"], actual.y, abs_tol=0.01)
-        robot = await viewer.until(lambda parts: parts["robot"]["known"] and parts["robot"])
-        assert (robot["id"], robot["control"], robot["work"]) == (30001, "auto", "task")
-        battery = robot["battery"]
-        assert (battery["power"], battery["charging"]) == (93, False)
-        assert (robot["taskable"], robot["objections"], robot["task"]) == (True, [], None)
-        assert len(await viewer.until(lambda parts: parts["outline"])) > 2
-        link = await viewer.until(lambda parts: parts["link"]["good"] and parts["link"])
-        assert (link["state"], link["silence"], link["error"]) == ("connected", 0, "")
-        assert 0 < link["since"] <= time.time() * 1000
-        details = await viewer.until(lambda parts: parts["details"])
-        assert details["address"].endswith(str(chassis.port))
-        scenes = await viewer.until(lambda parts: parts["scenes"])
-        assert {"name": "wooshmap", "maps": ["wooshmap"]} in scenes
-
-
 async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.until(lambda parts: parts["map"]["marks"])
@@ -287,7 +266,7 @@ async def test_a_page_with_a_slow_connection_gets_the_newest_state(
     client_tls = ssl.create_default_context(cafile=certificate[1])
     delay = Delay()
     async with (
-        dashboard(chassis, tls=server_tls) as running,
+        dashboard(chassis, tls=server_tls, scan_rate=10.0) as running,
         delayed(running, delay) as port,
         page(running, port, tls=client_tls) as viewer,
     ):
@@ -302,7 +281,7 @@ async def test_a_large_part_that_changes_faster_than_it_is_sent_comes(
 ) -> None:
     delay = Delay()
     async with (
-        dashboard(chassis) as running,
+        dashboard(chassis, scan_rate=10.0) as running,
         delayed(running, delay) as port,
         page(running, port) as viewer,
     ):
