@@ -177,7 +177,10 @@ def test_error_of_a_program_that_dies_holds_its_log() -> None:
         program.receive()
 
 
-def test_simulated_chassis_is_like_the_real_robot(capsys: pytest.CaptureFixture[str]) -> None:
+def test_simulated_chassis_is_like_the_real_robot(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(real, "_SEEDS", range(1))
     assert bench(["--real", "--smoke"]) == 0
     printed = capsys.readouterr().out
     assert "| Rates and driving | Real robot | Simulated |" in printed
