@@ -273,7 +273,7 @@ def test_a_restarted_dashboard_is_found_again_and_what_ended_with_the_former_is_
         # the limit has ended with the dashboard
         eventually(lambda: "0.1 m/s has ended" in window.text("#notice"), "the notice")
         window.press("#notice .actions button")
-        assert "has ended" not in window.text("#notice")
+        eventually(lambda: "has ended" not in window.text("#notice"), "the end of the notice")
 
 
 def test_what_could_not_be_loaded_is_loaded_later(robot: SimulatedPage, window: Browser) -> None:

@@ -28,11 +28,7 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.sentences import AND, SENTENCES, Said
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.texts import PAGE, value_data
-from woosh_robot_agent.vda5050.intake import OrderCheck
-from woosh_robot_agent.vda5050.messages.order import Order
-from woosh_robot_agent.vda5050.messages.state import RejectedError
 
 pytestmark = pytest.mark.timeout(300)
 _ARE_NEW = bool(os.environ.get("WOOSH_SCREENSHOTS"))
@@ -215,11 +211,23 @@ def _braces(pattern: str) -> set[str]:
     return {part.split("}")[0] for part in pattern.split("{")[1:]}
 
 
-def test_what_the_program_explains_is_in_the_language_of_the_page(
+def test_the_page_in_chinese_and_what_the_program_explains_have_no_other_words(
     robot: SimulatedPage, opened: Opened
 ) -> None:
     browser = opened(robot.url, 1440, 900)
     browser.press("#language")
+    eventually(lambda: browser.text("#tab-go") == "前往", "Chinese")
+    assert browser.script("document.documentElement.lang") == "zh"
+    browser.driver.refresh()
+    browser.wait_for_map()
+    assert browser.text("#tab-go") == "前往", "Chinese, which is remembered"
+    browser.press("#layers")
+    check_chinese(browser, "layers")
+    browser.press("#layers")
+    for tab in ("go", "map", "setup", "simulator"):
+        browser.show(tab)
+        check_chinese(browser, tab)
+    browser.show("go")
     pose = robot.state.pose
     ahead = {"x": pose.x + 0.7 * math.cos(pose.theta), "y": pose.y + 0.7 * math.sin(pose.theta)}
     robot.inject("obstacle", radius=0.3, **ahead)
@@ -295,52 +303,6 @@ def check_chinese(browser: Browser, state: str, *robot_texts: str) -> None:
     words = {word for word in _LATIN.findall(read) if not _NAMES.fullmatch(word)}
     lines = [line for line in read.splitlines() if any(word in line for word in words)]
     assert words == set(), (state, lines)
-
-
-def test_the_page_in_chinese_has_no_other_words(
-    opened: Opened, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with pytest.raises(RejectedError) as rejected:
-        OrderCheck(Order("o", 0, (), ()), {}).check(None)
-    text = value_data(rejected.value.error.description)
-    errors = [{"type": "0", "level": "FATAL", "text": text}]
-    order = {"id": "", "node": "", "nodesLeft": 2, "paused": True, "errors": errors}
-    connect = Robot.__init__
-
-    def connect_with_order(self: Robot, *args: Any, **options: Any) -> None:
-        connect(self, *args, **options)
-        self.order = lambda: order
-
-    monkeypatch.setattr(Robot, "__init__", connect_with_order)
-    with SimulatedPage() as robot:
-        browser = opened(robot.url, 1440, 900)
-        browser.press("#language")
-        eventually(lambda: browser.text("#tab-go") == "前往", "Chinese")
-        assert browser.script("document.documentElement.lang") == "zh"
-        browser.driver.refresh()
-        browser.wait_for_map()
-        assert browser.text("#tab-go") == "前往", "Chinese, which is remembered"
-        browser.press("#layers")
-        check_chinese(browser, "layers")
-        browser.press("#layers")
-        for tab in ("fleet", "go", "tasks", "state", "map", "setup", "simulator"):
-            browser.show(tab)
-            check_chinese(browser, tab)
-        for name in browser.script("store.simulator.value.known.map(({name}) => name)"):
-            browser.driver.execute_script(_CHOOSE, browser.element("#fault-name"), name)
-            check_chinese(browser, f"fault {name}")
-        for wrong, reason in (("window=1", "至"), ("window", "key=value"), ("by=1", "参数")):
-            browser.driver.execute_script(_CHOOSE, browser.element("#fault-name"), "reorder")
-            browser.element("#fault-arguments").clear()
-            browser.element("#fault-arguments").send_keys(wrong)
-            browser.press("#begin-fault")
-            eventually(lambda reason=reason: reason in browser.text("#answer"), wrong)
-            check_chinese(browser, wrong)
-        browser.press("#language")
-        eventually(lambda: browser.text("#tab-go") == "Go", "English")
-
-
-_CHOOSE = "arguments[0].value = arguments[1]; arguments[0].dispatchEvent(new Event('change'))"
 
 
 def test_who_may_only_look_sees_no_commands(serve: Serve, opened: Opened, tmp_path: Path) -> None:

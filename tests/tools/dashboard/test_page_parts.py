@@ -33,7 +33,6 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     BuildMap,
     ExecTask,
     InitRobot,
-    SwitchMap,
     Twist,
 )
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -65,37 +64,29 @@ async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThre
         assert viewer.parts["map"]["name"] == "wooshmap"
 
 
-async def test_a_map_is_made_and_grows_and_maps_are_switched(chassis: SimulatorThread) -> None:
+async def test_a_map_grows_while_it_is_made_and_ends_with_its_discard(
+    chassis: SimulatorThread,
+) -> None:
     pytest.importorskip("scipy", reason="the simulated chassis makes maps with it")
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
         await viewer.give("workMode", mode="deploy")
-        for end in ("discardMap", "saveMap"):
-            await viewer.give("buildMap", type="add", scene="hall", map="ground")
-            assert last(chassis, BuildMap).type == BuildMap.kAdd
-            await viewer.until(lambda parts: parts["robot"]["state"] == "mapping")
-            area = await viewer.until(
-                lambda parts, before=before: (
-                    parts["map"]["number"] > before + 1
-                    and "marks" not in parts["map"]
-                    and parts["map"]
-                )
+        await viewer.give("buildMap", type="add", scene="hall", map="ground")
+        assert last(chassis, BuildMap).type == BuildMap.kAdd
+        await viewer.until(lambda parts: parts["robot"]["state"] == "mapping")
+        area = await viewer.until(
+            lambda parts: (
+                parts["map"]["number"] > before + 1 and "marks" not in parts["map"] and parts["map"]
             )
-            status, _, body = await fetch(running, f"/map/0/{area['number']}.png")
-            assert status == 200
-            with Image.open(io.BytesIO(body)) as image:
-                assert image.format == "PNG"
-            await viewer.give(end)
-            await viewer.until(lambda parts: parts["robot"]["state"] != "mapping")
-            if end == "discardMap":
-                # that of the scene again
-                before = await viewer.until(
-                    lambda parts: parts["map"]["marks"] and parts["map"]["number"]
-                )
-        await viewer.until(lambda parts: {"name": "hall", "maps": ["ground"]} in parts["scenes"])
+        )
+        status, _, body = await fetch(running, f"/map/0/{area['number']}.png")
+        assert status == 200
+        with Image.open(io.BytesIO(body)) as image:
+            assert image.format == "PNG"
+        await viewer.give("discardMap")
+        await viewer.until(lambda parts: parts["robot"]["state"] != "mapping")
+        await viewer.until(lambda parts: parts["map"]["marks"])  # that of the scene again
         await viewer.give("collectMark")
-        await viewer.give("switchMap", scene="wooshmap", map="wooshmap")
-        assert last(chassis, SwitchMap).map_name == "wooshmap"
         await viewer.give("keepPose")
         assert last(chassis, InitRobot).is_record
 
