@@ -111,6 +111,15 @@ class RobotThread(SimulatorThread):
         finally:
             self.end(dashboard.__aexit__(None, None, None))
 
+    def rename(self, name: str) -> None:
+        """Give the robot another name, and drop the links, because it is requested after that."""
+
+        def change(simulator: Any) -> None:
+            simulator.chassis.setting.identity.name = name
+            simulator.drop()
+
+        self.call(change)
+
     @contextmanager
     def silent(self) -> Iterator[None]:
         """Keep the thread from doing anything; the connections stay open."""
@@ -394,6 +403,13 @@ def _window(driver: Any) -> Iterator[Browser]:
         yield Browser(driver)
     finally:
         driver.quit()
+
+
+def write_scene(folder: Path, marks: list[dict[str, Any]], name: str = "hall") -> None:
+    """Write a scene with a square map of the same name and these marks."""
+    walls = [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]
+    maps = [{"name": name, "walls": walls, "marks": marks}]
+    (folder / "scene.yaml").write_text(json.dumps({"name": name, "maps": maps}))
 
 
 def are_apart(one: dict[str, float], other: dict[str, float]) -> bool:

@@ -7,13 +7,18 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import set_speed
-from tests.tools.dashboard.browsers import Browser, RobotThread, SimulatedPage, eventually
+from tests.tools.dashboard.browsers import (
+    Browser,
+    RobotThread,
+    SimulatedPage,
+    eventually,
+    write_scene,
+)
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import (
     TOO_SLOW,
@@ -153,13 +158,8 @@ def test_over_a_slow_connection_nothing_drives_but_stop_works(
 
 
 def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Path) -> None:
-    marks = "".join(
-        f"      - {{number: M{n}, pose: [2, 2, 0], description: {'x' * 70}}}\n" for n in range(600)
-    )
-    (tmp_path / "scene.yaml").write_text(
-        "name: hall\nmaps:\n  - name: ground\n    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
-        f"    marks:\n{marks}"
-    )
+    mark = {"pose": [2, 2, 0], "description": "x" * 70}
+    write_scene(tmp_path, [{"number": f"M{number}", **mark} for number in range(600)])
     delay = Delay()
     with SimulatedPage(scenes=(tmp_path,)) as robot:
         port = robot.enter(delayed(robot.url, delay))
@@ -305,18 +305,9 @@ def test_what_could_not_be_loaded_is_loaded_later(robot: SimulatedPage, window: 
 
 def test_names_are_shown_as_text(window: Browser, tmp_path: Path) -> None:
     evil = "<img src=x onerror=hacked=1>"
-    (tmp_path / "scene.yaml").write_text(
-        f"name: {evil!r}\nmaps:\n  - name: {evil!r}\n"
-        "    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
-        f"    marks: [{{number: {evil!r}, pose: [2, 2, 0], description: {evil!r}}}]\n"
-    )
-
-    def rename(simulator: Any) -> None:
-        simulator.chassis.setting.identity.name = evil
-        simulator.drop()  # the name is requested after a reconnect
-
+    write_scene(tmp_path, [{"number": evil, "pose": [2, 2, 0], "description": evil}], evil)
     with SimulatedPage(scenes=(tmp_path,)) as robot:
-        robot.call(rename)
+        robot.rename(evil)
         window.driver.get(robot.url)
         eventually(lambda: evil in window.text("#marks"), "the mark")
         eventually(lambda: evil in window.text("h1"), "the name of the robot")

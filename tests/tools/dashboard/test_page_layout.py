@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.tools.dashboard.browsers import Browser, are_apart, eventually
+from tests.tools.dashboard.browsers import Browser, are_apart, eventually, write_scene
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import page, velocities
 from woosh_robot_agent.link.protos import full_name
@@ -417,18 +417,11 @@ _WIDE = """(within) => [...document.querySelectorAll(within)]
 
 
 def test_long_names_can_be_read(serve: Serve, window: Browser, tmp_path: Path) -> None:
-    def rename(simulator: Any) -> None:
-        simulator.chassis.setting.identity.name = "north_hall_shelf_carrier_" * 3
-        simulator.drop()  # the name is requested after a reconnect
-
     name = "north_hall_shelf_" * 4 + "17"
-    (tmp_path / "scene.yaml").write_text(
-        "name: hall\nmaps:\n  - name: ground\n    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
-        f"    marks: [{{number: {name}, pose: [2, 2, 0]}}]\n"
-    )
+    write_scene(tmp_path, [{"number": name, "pose": [2, 2, 0]}])
     served = serve({"scenes": (tmp_path,)}, {})  # both have the same number
     first = served.robots[0]
-    first.call(rename)
+    first.rename("north_hall_shelf_carrier_" * 3)
     open_on(window, served.url, 1024, 768)
     for width, height in ((1024, 768), (390, 844)):
         window.resize(width, height)
