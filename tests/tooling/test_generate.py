@@ -78,17 +78,3 @@ def test_each_minimum_timeout_has_a_row() -> None:
     for request, timeout in minimum_timeouts().items():
         cells = f"| {request} | {timeout:g} s |"
         assert any(row.startswith("| ") and cells in row for row in rows), request
-
-
-def test_a_changed_table_is_rewritten() -> None:
-    page = "# Page\n\n<!-- generated: endpoints -->\n| old |\n<!-- end -->\n\nText\n"
-    table = generate.TABLES["endpoints"]()
-    new = f"# Page\n\n<!-- generated: endpoints -->\n{table}\n<!-- end -->\n\nText\n"
-    assert generate.with_tables(page) == new
-    assert generate.with_tables(new) == new
-
-
-def test_an_unknown_table_is_refused() -> None:
-    page = "<!-- generated: nothing -->\n<!-- end -->\n"
-    with pytest.raises(ValueError, match="unknown table 'nothing'"):
-        generate.with_tables(page)

@@ -9,84 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from scripts.interface_files import (
-    InterfaceError,
-    Schema,
-    interface_files,
-    message_file,
-    oneof_file,
-)
+from scripts.interface_files import InterfaceError, interface_files
 from tests.tooling.interface_facts import PACKAGES, facts_of, parts_of
 
 ROOT = Path(__file__).parents[2]
 PROTO = ROOT / "proto"
-SAMPLE = """
-syntax = "proto3";
-package woosh.robot;
-import "google/protobuf/any.proto";
-
-// A message with one of everything,
-// described in two lines
-message Sample {
-  // A nested message
-  message Part {}
-
-  oneof first_choice {
-    // A number
-    uint32 number = 1;
-    // A part
-    Part part = 2;
-  }
-  // Some bytes
-  bytes data = 3;
-  // Anything
-  google.protobuf.Any any = 4;
-  repeated Part parts = 5;
-  fixed32 plain = 6;
-  sint64 signed = 7;
-  double exact = 8;
-  string text = 9;
-}
-"""
-SAMPLE_MESSAGE = """\
-# A message with one of everything,
-# described in two lines
-# Mirrors woosh.robot.Sample.
-
-# Bits of `has_field`
-uint16 ANY_FIELD_SET=8
-
-# Some bytes
-uint8[] data
-# Anything
-woosh_common_msgs/AnyProto any
-woosh_robot_msgs/SamplePart[] parts
-uint32 plain
-int64 signed
-float64 exact
-string text
-# The oneof `first_choice`: at most one of its members is set
-woosh_robot_msgs/SampleOneOfFirstChoice first_choice
-# Presence of the message-typed fields, one bit each; all ones means that all are present
-uint16 has_field 65535
-"""
-SAMPLE_ONEOF = """\
-# Which member of the oneof `first_choice` of woosh.robot.Sample is set, and its value.
-
-# Values of `which`
-int8 FIRST_CHOICE_NOT_SET=0
-int8 FIRST_CHOICE_NUMBER_SET=1
-int8 FIRST_CHOICE_PART_SET=2
-
-# A number
-uint32 number
-# A part
-woosh_robot_msgs/SamplePart part
-# Same as `which`, for older clients; used if `which` is 0
-int8 first_choice_choice
-# Constant of the member that is set
-int8 which
-"""
 
 
 @pytest.fixture(scope="module")
@@ -182,15 +109,6 @@ def test_each_package_declares_the_packages_that_it_uses(generated: dict[str, st
         if any(path.startswith(f"{package}/action/") for path in generated):
             used.add("action_msgs")
         assert used - {package} <= declared, package
-
-
-def test_a_message_with_everything(tmp_path: Path) -> None:
-    (tmp_path / "sample.proto").write_text(SAMPLE)
-    schema = Schema(tmp_path)
-    message = schema.message("woosh.robot.Sample")
-
-    assert message_file(message, schema) == SAMPLE_MESSAGE
-    assert oneof_file(message.oneofs[0], schema) == SAMPLE_ONEOF
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from ament_index_python.resources import get_resource
 
 from scripts.interface_files import interface_files
 from tests.harness import HUMBLE
-from tests.tooling.interface_facts import HASHES, KINDS, PACKAGES, facts_of, parts_of
+from tests.tooling.interface_facts import HASHES, KINDS, PACKAGES, facts_of
 
 PROTO = Path(__file__).parents[2] / "proto"
 
@@ -34,12 +34,6 @@ def built_hash(name: str) -> str:
     function = getattr(ctypes.CDLL(str(path)), name.replace("/", "__") + "__get_type_hash")
     function.restype = ctypes.POINTER(TypeHash)
     return str(function(None).contents)
-
-
-def installed_parts(package: str, name: str) -> list[dict[str, list[str]]]:
-    """Return constants and fields of each part of an installed .msg, .srv or .action file."""
-    path = Path(get_package_prefix(package)) / "share" / package / f"{name}.{name.split('/')[0]}"
-    return parts_of(path.read_text())
 
 
 def part_classes(package: str, name: str) -> list[Any]:
@@ -72,10 +66,6 @@ class TestPackage:
     def test_type_hashes_match_the_facts(self, package: str):
         wanted = {name: text for name, text in HASHES.items() if name.startswith(package + "/")}
         assert {name: built_hash(name) for name in wanted} == wanted
-
-    def test_definitions_match_the_facts(self, package: str):
-        for name, parts in facts_of(package).items():
-            assert installed_parts(package, name) == parts, name
 
     def test_constants_and_defaults_of_the_classes_match_the_facts(self, package: str):
         for name, parts in facts_of(package).items():

@@ -204,6 +204,14 @@ def test_proxy_that_refuses_websockets_is_told_from_another_program(chassis, ref
     assert dict(chassis.counts) == {INFO: 1}
 
 
+def damage(frame: Any) -> list[Any]:
+    """Replace an answer by two that cannot be read."""
+    body = {"type": INFO, "sn": frame.sn, "ok": True, "body": {"mode": 3}}
+    return [
+        replace(frame, damage=lambda *_, text=text: text) for text in ("rubbish", json.dumps(body))
+    ]
+
+
 @pytest.mark.parametrize(
     ("fault", "timeout", "text"),
     [
@@ -216,28 +224,15 @@ def test_proxy_that_refuses_websockets_is_told_from_another_program(chassis, ref
             "only an answer with the serial number 1000001 instead of 1 -> check --ip",
         ),
         (lambda chassis: chassis.inject("garbage"), SHORT, "the firmware is not supported"),
+        (lambda chassis: chassis.intercept(damage), "5", "cannot be read"),
     ],
-    ids=["no answer", "refusal", "another type", "another number", "garbage"],
+    ids=["no answer", "refusal", "another type", "another number", "garbage", "unreadable"],
 )
 def test_robot_info_without_a_usable_answer_fails(chassis, fault, timeout, text):
     fault(chassis)
     report = examine(chassis.port, "--timeout", timeout)
     assert report.failed == ["RobotInfo"]
     assert text in report.text("RobotInfo")
-
-
-def test_unreadable_answer_fails(chassis):
-    def damage(frame: Any) -> list[Any]:
-        body = {"type": INFO, "sn": frame.sn, "ok": True, "body": {"mode": 3}}
-        return [
-            replace(frame, damage=lambda *_, text=text: text)
-            for text in ("rubbish", json.dumps(body))
-        ]
-
-    chassis.intercept(damage)
-    report = examine(chassis.port)
-    assert report.failed == ["RobotInfo"]
-    assert "cannot be read" in report.text("RobotInfo")
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import subprocess
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -221,36 +219,6 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path):
         read_recording(*paths)
     with pytest.raises(RecordingError, match="the same file: leave out one"):
         read_recording(paths[0], paths[0])
-
-
-FULL_DISK = """
-import resource, sys
-from pathlib import Path
-from tests.tools.recordings import numbered, writer
-resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
-file = writer(Path(sys.argv[1]), on_early_end=print)
-for number in range(2000):
-    file.add_frame(1, "client", numbered(number), text=True)
-    if number % 50 == 49:
-        file.flush()
-file.close()
-print(file.frames, file.lost, file.failed)
-"""
-
-
-def test_a_full_disk_ends_the_recording(tmp_path):
-    path = tmp_path / "a.mcap"
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(path)], capture_output=True, text=True, check=True
-    )
-    reason, result = done.stdout.splitlines()
-    assert reason == f"cannot write to {path}: File too large"
-    recorded, lost, failed = result.split()
-    found = read_recording(path)
-    assert numbers(found) == list(range(int(recorded)))
-    assert 0 < int(recorded) == 2000 - int(lost)
-    assert failed == "True"
-    assert "has no end" in found.damage
 
 
 def mcap(version: str | None) -> bytes:

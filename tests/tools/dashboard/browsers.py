@@ -14,15 +14,17 @@ from concurrent.futures import Future
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
+from unittest import mock
 from urllib.parse import urlsplit
 
 import pytest
 
 from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import quick_config
-from tests.tools.dashboard.pages import is_driving
+from tests.tools.dashboard.pages import SCAN_RATE, is_driving
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import server
 from woosh_robot_agent.tools.dashboard.access import Role
 from woosh_robot_agent.tools.dashboard.beside_simulator import dashboard_beside
 from woosh_robot_agent.tools.dashboard.control import ControlConfig
@@ -62,7 +64,7 @@ class RobotThread(SimulatorThread):
         self._contexts = AsyncExitStack()
 
     def __exit__(self, *error: object) -> None:
-        self.run(self._contexts.aclose())
+        self.end(self._contexts.aclose())
         super().__exit__(*error)
 
     def begin(self, work: Coroutine[Any, Any, T]) -> Future[T]:
@@ -72,6 +74,14 @@ class RobotThread(SimulatorThread):
     def run(self, work: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine in the thread; return the result."""
         return self.begin(work).result(TIMEOUT)
+
+    def end(self, work: Coroutine[Any, Any, Any]) -> None:
+        """Run a coroutine that ends dashboards.
+
+        It does not wait for the idle connections that browsers keep open.
+        """
+        with mock.patch.object(server, "_CLOSE_TIMEOUT", 0.1):
+            self.run(work)
 
     def enter(self, context: AbstractAsyncContextManager[T]) -> T:
         """Enter a context in the thread, until the end of the simulator."""
@@ -91,16 +101,24 @@ class RobotThread(SimulatorThread):
         links = [LinkConfig("127.0.0.1", each.port) for each in robots or (self,)]
         # on a busy machine, the page may be told the time late
         patient = ControlConfig(max_age=TIMEOUT)
-        config = DashboardConfig(
-            **{"port": 0, "control": True, "control_config": patient, **options}
-        )
+        usual = {"port": 0, "control": True, "scan_rate": SCAN_RATE, "control_config": patient}
+        config = DashboardConfig(**{**usual, **options})
         dashboard = Dashboard(links, config)
         self.run(dashboard.__aenter__())
         url = urlsplit(dashboard.urls[Role.LOOK] if watch else dashboard.url)
         try:
             yield url._replace(netloc=f"127.0.0.1:{url.port}").geturl()
         finally:
-            self.run(dashboard.__aexit__(None, None, None))
+            self.end(dashboard.__aexit__(None, None, None))
+
+    def rename(self, name: str) -> None:
+        """Give the robot another name, and drop the links, because it is requested after that."""
+
+        def change(simulator: Any) -> None:
+            simulator.chassis.setting.identity.name = name
+            simulator.drop()
+
+        self.call(change)
 
     @contextmanager
     def silent(self) -> Iterator[None]:
@@ -124,11 +142,11 @@ class SimulatedPage(RobotThread):
     def _open_page(self, port: int) -> None:
         simulator = self.call(lambda simulator: simulator)
         # on a busy machine, the page may be told the time late
-        self.url = self.enter(dashboard_beside(simulator, port, max_age=TIMEOUT))
+        self.url = self.enter(dashboard_beside(simulator, port, SCAN_RATE, max_age=TIMEOUT))
 
     def restart_page(self) -> None:
         """End the dashboard, and start another one at the same port."""
-        self.run(self._contexts.aclose())
+        self.end(self._contexts.aclose())
         self._open_page(urlsplit(self.url).port or 0)
 
 
@@ -385,6 +403,13 @@ def _window(driver: Any) -> Iterator[Browser]:
         yield Browser(driver)
     finally:
         driver.quit()
+
+
+def write_scene(folder: Path, marks: list[dict[str, Any]], name: str = "hall") -> None:
+    """Write a scene with a square map of the same name and these marks."""
+    walls = [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]
+    maps = [{"name": name, "walls": walls, "marks": marks}]
+    (folder / "scene.yaml").write_text(json.dumps({"name": name, "maps": maps}))
 
 
 def are_apart(one: dict[str, float], other: dict[str, float]) -> bool:

@@ -40,6 +40,8 @@ TOO_SLOW = str(control.TOO_SLOW)
 """Reason of a refusal over a slow connection; on a busy machine it may come for a moment."""
 MOMENTARY = (TOO_SLOW, "no data", str(control.UNANSWERED))
 """Reasons that end a press of the stick on a busy machine."""
+SCAN_RATE = 2.0
+"""Rate of the laser scans, in Hz; at the usual one, they take most of a test's processor time."""
 _CONTROL = [field.name for field in fields(ControlConfig)]
 
 
@@ -49,7 +51,8 @@ async def dashboard(*robots: SimulatorThread, **options: Any) -> AsyncIterator[D
     patience = {"request_timeout": TIMEOUT, "liveness_timeout": TIMEOUT}
     configs = [LinkConfig("127.0.0.1", robot.port, **patience) for robot in robots]
     timing = {name: options.pop(name) for name in _CONTROL if name in options}
-    config = DashboardConfig(**{"port": 0, "control_config": ControlConfig(**timing), **options})
+    usual = {"port": 0, "scan_rate": SCAN_RATE, "control_config": ControlConfig(**timing)}
+    config = DashboardConfig(**{**usual, **options})
     async with Dashboard(configs, config) as running:
         yield running
 
@@ -93,6 +96,12 @@ async def fetch(
 def last(chassis: SimulatorThread, cls: Any) -> Any:
     """Return the last request of a class; None if there was none."""
     return chassis.last(full_name(cls))
+
+
+def velocities(chassis: SimulatorThread, begin: int = 0) -> list[Twist]:
+    """Return the velocities among the requests from a number on."""
+    name = full_name(Twist)
+    return [each.message for each in chassis.received[begin:] if each.type == name]
 
 
 def is_emergency_stopped(parts: dict[str, Any]) -> bool:

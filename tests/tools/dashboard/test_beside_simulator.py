@@ -33,18 +33,6 @@ async def page_beside() -> AsyncIterator[tuple[SimulatedChassis, Page]]:
         yield simulator, viewer
 
 
-async def test_an_obstacle_is_put_and_removed() -> None:
-    async with page_beside() as (simulator, viewer):
-        await viewer.give("fault", text="obstacle x=1.0 y=-6.0 radius=0.4")
-        assert simulator.chassis.obstacles.clearance(1.0, -6.0) == 0.0
-        (fault,) = await viewer.until(lambda parts: parts["simulator"]["faults"])
-        assert (fault["name"], fault["x"], fault["y"]) == ("obstacle", 1.0, -6.0)
-        assert fault["radius"] == 0.4
-        await viewer.give("endFault", id=fault["id"])
-        assert simulator.chassis.obstacles.names == ()
-        assert await viewer.refused("endFault", id=fault["id"]) == "this fault has ended already"
-
-
 async def test_faults_begin_and_end() -> None:
     async with page_beside() as (simulator, viewer):
         await viewer.give("fault", text="emergency_stop")
@@ -59,7 +47,7 @@ async def test_faults_begin_and_end() -> None:
         await viewer.until(lambda parts: not parts["simulator"]["faults"])
 
 
-async def test_an_invalid_fault_is_refused() -> None:
+async def test_an_invalid_fault_and_more_than_100_are_refused() -> None:
     async with page_beside() as (simulator, viewer):
         for text, reason in (
             ("explode", "unknown fault 'explode'"),
@@ -69,11 +57,8 @@ async def test_an_invalid_fault_is_refused() -> None:
             (7, "at most 300 characters"),
         ):
             assert reason in await viewer.refused("fault", text=text)
+        assert await viewer.refused("endFault", id="delay 1") == "this fault has ended already"
         assert simulator.faults == []
-
-
-async def test_the_number_of_faults_is_limited() -> None:
-    async with page_beside() as (simulator, viewer):
         for _ in range(100):
             simulator.inject("delay", seconds=0.001)
         reason = await viewer.refused("fault", text="emergency_stop")

@@ -84,6 +84,12 @@ def test_the_map_and_its_lists_say_what_is_what(browser: Browser) -> None:
     assert {"Rack", "Charger", "Parking place"} <= set(icons)
     assert len({icons[each] for each in ("Rack", "Charger", "Parking place")}) == 3
     assert len(set(browser.script(_MARK_PICTURES))) == 3
+    name = "wooshmap · wooshmap"
+    assert browser.text("#pointed") == name
+    browser.actions().move_to_element(browser.element("#map")).perform()
+    eventually(lambda: browser.text("#pointed").endswith(" m"), "the place under the pointer")
+    browser.actions().move_to_element(browser.element("#stick")).perform()
+    eventually(lambda: browser.text("#pointed") == name, "the map again")
 
 
 def test_plots_tell_time_and_values_at_the_pointer(browser: Browser) -> None:
@@ -157,31 +163,6 @@ def test_the_trend_and_the_time_left_of_the_battery_are_told_if_it_falls_steadil
         [(40, 76), (30, 75), (20, 74), (10, 73), (0, 73)],  # too short
     ):
         assert "left" not in facts(*unsteady), unsteady
-
-
-def test_the_line_below_the_map_names_the_map_where_there_is_room(browser: Browser) -> None:
-    read = """((text) => {
-      store.answer.value = text && {ok: true, time: 0, robot: store.address.value,
-        text: {key: "reason.said", values: {text}}};
-      return new Promise((resolve) => requestAnimationFrame(() => setTimeout(() => {
-        const name = document.querySelector("#pointed span");
-        const [inner, line] = [name, name.parentElement].map((each) =>
-          each.getBoundingClientRect());
-        const seen = inner.bottom <= line.bottom + 1 && inner.right <= line.right + 1;
-        resolve(seen ? name.innerText : "");
-      })));
-    })(%s)"""
-    name = "wooshmap · wooshmap"
-    for width in (390, 1440):
-        browser.resize(width, 900)
-        assert browser.script(read % "null") == name
-        assert browser.script(read % "'stopped'") == name
-        assert browser.script(read % "'a long answer '.repeat(30)") == ""
-        browser.script(read % "null")
-        browser.actions().move_to_element(browser.element("#map")).perform()
-        eventually(lambda: browser.text("#pointed").endswith(" m"), "the place under the pointer")
-        browser.actions().move_to_element(browser.element("#stick")).perform()
-        eventually(lambda: browser.text("#pointed") == name, "the map again")
 
 
 _TELL = """

@@ -7,13 +7,18 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.asynchronous import TIMEOUT
 from tests.quick_chassis import set_speed
-from tests.tools.dashboard.browsers import Browser, RobotThread, SimulatedPage, eventually
+from tests.tools.dashboard.browsers import (
+    Browser,
+    RobotThread,
+    SimulatedPage,
+    eventually,
+    write_scene,
+)
 from tests.tools.dashboard.conftest import Serve
 from tests.tools.dashboard.pages import (
     TOO_SLOW,
@@ -155,13 +160,8 @@ def test_over_a_slow_connection_nothing_drives_but_stop_works(
 
 
 def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Path) -> None:
-    marks = "".join(
-        f"      - {{number: M{n}, pose: [2, 2, 0], description: {'x' * 70}}}\n" for n in range(1200)
-    )
-    (tmp_path / "scene.yaml").write_text(
-        "name: hall\nmaps:\n  - name: ground\n    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
-        f"    marks:\n{marks}"
-    )
+    mark = {"pose": [2, 2, 0], "description": "x" * 70}
+    write_scene(tmp_path, [{"number": f"M{number}", **mark} for number in range(600)])
     delay = Delay()
     with SimulatedPage(scenes=(tmp_path,)) as robot:
         port = robot.enter(delayed(robot.url, delay))
@@ -170,7 +170,7 @@ def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Pat
         former = window.script("store.you.value")
         window.script("(store.map.value = null, connection.socket.close())")
         eventually(lambda: window.script("store.you.value") != former, "the new connection")
-        eventually(lambda: window.script("store.map.value?.marks?.length === 1200"), "the map")
+        eventually(lambda: window.script("store.map.value?.marks?.length === 600"), "the map")
         assert window.script("!store.outdated.value")
         window.driver.get("about:blank")
 
@@ -214,6 +214,7 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways_or_may_drive_on(
     time.sleep(3.0)
     assert robot.state.velocity.left > 0.1
     assert browser.script(both) == [1, True]
+    set_speed(robot, 20.0)
     robot.push(proc := TaskProc(robot_task_id=7, state=kActionWait))
     eventually(lambda: robot.state.velocity.left == 0.0, "the end of the step")
     time.sleep(3.0)
@@ -249,13 +250,20 @@ def test_a_page_whose_address_is_no_longer_valid_or_may_no_longer_stop_says_so(
         assert "no longer stop" not in window.text("#notice")
 
 
-def test_a_restarted_dashboard_is_found_again(plain_robot: RobotThread, window: Browser) -> None:
+def test_a_restarted_dashboard_is_found_again_and_what_ended_with_the_former_is_told(
+    plain_robot: RobotThread, window: Browser
+) -> None:
     port = own_port()
     with plain_robot.serving(port=port) as url:
         window.open(url)
+        window.show("setup")
+        window.element("#speed-limit option[value='0.1']").click()
+        limit = "store.fleet.value[0].speedLimit"
+        eventually(lambda: window.script(limit) == 0.1, "the limit")
     eventually(lambda: "No connection to the dashboard" in window.text("#notice"), "the loss")
     window.press("#stop")
     eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
+    window.show("go")
     window.press("#marks li:nth-child(2) button")
     eventually(lambda: "no path" in window.text("#now"), "the preview without a way")
     assert not window.is_enabled("#go")
@@ -270,6 +278,10 @@ def test_a_restarted_dashboard_is_found_again(plain_robot: RobotThread, window: 
         eventually(lambda: window.text("#alarm") == "", "the end of the alarm")
         eventually(lambda: " m" in window.text("#now .way"), "the way, asked again")
         eventually(lambda: "93 %" in window.text("#plots"), "the history")
+        # the limit has ended with the dashboard
+        eventually(lambda: "0.1 m/s has ended" in window.text("#notice"), "the notice")
+        window.press("#notice .actions button")
+        eventually(lambda: "has ended" not in window.text("#notice"), "the end of the notice")
 
 
 def test_what_could_not_be_loaded_is_loaded_later(robot: SimulatedPage, window: Browser) -> None:
@@ -299,40 +311,11 @@ def test_what_could_not_be_loaded_is_loaded_later(robot: SimulatedPage, window: 
     window.wait_for_map()
 
 
-def test_a_speed_limit_that_ended_with_the_dashboard_is_told(
-    plain_robot: RobotThread, window: Browser
-) -> None:
-    def set_limit(limit: float) -> None:
-        window.element(f"#speed-limit option[value='{limit}']").click()
-        eventually(lambda: window.script("store.fleet.value[0].speedLimit") == limit, "the limit")
-
-    port = own_port()
-    with plain_robot.serving(port=port) as url:
-        window.open(url)
-        window.show("setup")
-        set_limit(0.1)
-    with plain_robot.serving(port=port):
-        eventually(lambda: "0.1 m/s has ended" in window.text("#notice"), "the notice")
-        assert "0.1 m/s has ended" in window.text("#answer")
-        eventually(lambda: window.is_enabled("#speed-limit"), "the new dashboard")
-        window.press("#notice .actions button")
-        assert "has ended" not in window.text("#notice")
-
-
 def test_names_are_shown_as_text(window: Browser, tmp_path: Path) -> None:
     evil = "<img src=x onerror=hacked=1>"
-    (tmp_path / "scene.yaml").write_text(
-        f"name: {evil!r}\nmaps:\n  - name: {evil!r}\n"
-        "    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
-        f"    marks: [{{number: {evil!r}, pose: [2, 2, 0], description: {evil!r}}}]\n"
-    )
-
-    def rename(simulator: Any) -> None:
-        simulator.chassis.setting.identity.name = evil
-        simulator.drop()  # the name is requested after a reconnect
-
+    write_scene(tmp_path, [{"number": evil, "pose": [2, 2, 0], "description": evil}], evil)
     with SimulatedPage(scenes=(tmp_path,)) as robot:
-        robot.call(rename)
+        robot.rename(evil)
         window.driver.get(robot.url)
         eventually(lambda: evil in window.text("#marks"), "the mark")
         eventually(lambda: evil in window.text("h1"), "the name of the robot")

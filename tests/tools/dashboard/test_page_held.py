@@ -12,7 +12,7 @@ import pytest
 
 from tests.tools.dashboard.browsers import Browser, SimulatedPage, chromium, eventually
 from tests.tools.dashboard.conftest import Serve
-from tests.tools.dashboard.pages import is_driving, is_stopped_by_zero
+from tests.tools.dashboard.pages import is_driving, is_stopped_by_zero, velocities
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
@@ -249,7 +249,7 @@ def test_a_slow_stick_drives_at_a_third_also_after_a_reload(
 ) -> None:
     def fastest() -> float:
         """Return the greatest velocity since the last call."""
-        sent = [each.message for each in robot.received if each.type == full_name(Twist)][seen[0] :]
+        sent = velocities(robot)[seen[0] :]
         seen[0] += len(sent)
         return max((each.linear for each in sent), default=0.0)
 

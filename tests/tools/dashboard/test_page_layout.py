@@ -10,19 +10,20 @@ from typing import Any
 
 import pytest
 
-from tests.tools.dashboard.browsers import Browser, are_apart, eventually
+from tests.tools.dashboard.browsers import Browser, are_apart, eventually, write_scene
 from tests.tools.dashboard.conftest import Serve
-from tests.tools.dashboard.pages import page
+from tests.tools.dashboard.pages import page, velocities
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 pytestmark = pytest.mark.timeout(300)
-_SCREENS = [(390, 844), (360, 640), (667, 375), (844, 390), (768, 1024), (1024, 768), (1440, 900)]
+_PHONE, _TURNED, _TABLET, _TURNED_TABLET = (360, 640), (844, 390), (768, 1024), (1024, 768)
+_NOTEBOOK = (1440, 900)
 _TINY = (427, 267)
 """A window of 1280 x 800 pixels at 300 %: it has no room for the tools and the map."""
-_SMALL = [(320, 568), (640, 400), (512, 330), _TINY]
-"""An old phone, and windows of 1280 x 800 and 1024 x 660 pixels at 200 % and 300 %."""
+_SMALL = [(320, 568), (667, 375), (512, 330), _TINY]
+"""Old phones, and windows of 1024 x 660 pixels at 200 % and of 1280 x 800 at 300 %."""
 _STICK_RADIUS = 68.0
 """Radius of the stick on a phone, in pixels."""
 _SECOND = {"robot_id": 30002}
@@ -120,8 +121,8 @@ def test_nothing_lies_over_anything_that_is_pressed(serve: Serve, window: Browse
     parts = ["#stop", "#stick", ".tools", "#map", ".line", ".tabs", ".doing"]
     places = f"""Object.fromEntries({parts}.map((selector) =>
       [selector, document.querySelector(selector).getBoundingClientRect().toJSON()]))"""
-    open_on(window, serve({}).url, *_SCREENS[0])
-    for width, height in _SCREENS + _SMALL:
+    open_on(window, serve({}).url, *_TURNED)
+    for width, height in (_TURNED, _TABLET, _NOTEBOOK, *_SMALL):
         window.resize(width, height)
         size = window.script("[document.body.scrollWidth, document.body.scrollHeight]")
         assert size == [width, height]
@@ -231,8 +232,7 @@ def test_the_bar_can_be_read_and_stands_still_when_its_numbers_change(
       })(%s)
     """
     numbers = ["{delay: 4, power: 7}", "{delay: 999, power: 70}", "{delay: 11345, power: 100}"]
-    served = serve({})
-    open_on(window, served.url, 390, 900)
+    open_on(window, serve({}).url, 390, 900)
     for width, height in ((390, 900), (1440, 900), (768, 1024)):
         window.resize(width, height)
         places, texts, fit = zip(*(window.script(change % each) for each in numbers), strict=True)
@@ -243,14 +243,6 @@ def test_the_bar_can_be_read_and_stands_still_when_its_numbers_change(
     dot, battery = (window.element(each).rect for each in ("#link .dot", ".battery"))
     assert are_apart(dot, battery)
     assert window.script(_CUT) == []
-    served.robots[0].set_emergency_stop(True)
-    served.robots[0].inject("lost_localisation")
-    eventually(lambda: window.script("store.robot.value.objections.length") == 2, "both")
-    eventually(lambda: window.text("#notice"), "the banner")
-    assert window.element("#notice b").rect["height"] < 48, "two lines"
-    window.press("#tab-go")
-    wide = "filter(({scrollWidth, clientWidth}) => scrollWidth > clientWidth)"
-    assert window.script(f"[...document.querySelectorAll('#charge, #park')].{wide}") == []
 
 
 def test_the_bar_the_banner_and_the_list_agree_how_much_is_wrong(
@@ -303,25 +295,30 @@ def test_whatever_is_pressed_has_44_pixels(serve: Serve, window: Browser) -> Non
         window.press("#layers")
 
 
-@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize(
+    ("number", "home", "screens"),
+    [(1, (390, 844), [_PHONE, _TABLET, _NOTEBOOK]), (2, _TURNED, [(667, 375), _TURNED_TABLET])],
+)
 def test_nothing_moves_or_covers_the_stick_and_stop(
-    serve: Serve, window: Browser, number: int
+    serve: Serve,
+    window: Browser,
+    number: int,
+    home: tuple[int, int],
+    screens: list[tuple[int, int]],
 ) -> None:
     """Watch all frames on one screen, and look at the others in each state."""
     served = serve(*[{}, _SECOND][:number])
     first = served.robots[0]
-    home = _SCREENS[0] if number == 1 else (844, 390)
     open_on(window, served.url, *home)
     window.driver.execute_script(_OBSERVE)
     places: dict[tuple[int, int], Any] = {}
-
     switches: dict[tuple[int, int], Any] = {}
 
     def check(state: str, also: Callable[[tuple[int, int]], None] = lambda _: None) -> None:
         for selector in ("#stop", "#stick"):
             seen = window.script(f"[...boxes['{selector}']]")
             assert len(seen) == 1, (state, selector, seen)
-        for size in [*(each for each in _SCREENS if each != home), home]:
+        for size in (*screens, home):
             window.resize(*size)
             now, covered, cut, width = window.script(_LOOK)
             assert places.setdefault(size, now) == now, (state, size)
@@ -420,18 +417,11 @@ _WIDE = """(within) => [...document.querySelectorAll(within)]
 
 
 def test_long_names_can_be_read(serve: Serve, window: Browser, tmp_path: Path) -> None:
-    def rename(simulator: Any) -> None:
-        simulator.chassis.setting.identity.name = "north_hall_shelf_carrier_" * 3
-        simulator.drop()  # the name is requested after a reconnect
-
     name = "north_hall_shelf_" * 4 + "17"
-    (tmp_path / "scene.yaml").write_text(
-        "name: hall\nmaps:\n  - name: ground\n    walls: [[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]\n"
-        f"    marks: [{{number: {name}, pose: [2, 2, 0]}}]\n"
-    )
+    write_scene(tmp_path, [{"number": name, "pose": [2, 2, 0]}])
     served = serve({"scenes": (tmp_path,)}, {})  # both have the same number
     first = served.robots[0]
-    first.call(rename)
+    first.rename("north_hall_shelf_carrier_" * 3)
     open_on(window, served.url, 1024, 768)
     for width, height in ((1024, 768), (390, 844)):
         window.resize(width, height)
@@ -479,7 +469,7 @@ def test_a_finger_drives_where_it_goes_until_the_stick_gets_another_place(
     window.touch("touchMove", (x, y + 1))
     window.touch("touchEnd")
     eventually(is_stopped, "the end")
-    sent = [each.message for each in robot.received if each.type == full_name(Twist)]
+    sent = velocities(robot)
     limit = window.script("store.control.value.limits.linear")
     assert min(each.linear for each in sent) >= -0.3 * limit
     assert max(each.linear for each in sent) == 0.0
@@ -551,7 +541,7 @@ def test_an_open_sheet_hides_neither_an_alarm_nor_what_is_wrong(
     open_on(window, served.url, 360, 640)
     window.press("#tab-tasks")
     top = "document.querySelector('#panel').getBoundingClientRect().top"
-    for width, height in ((360, 640), (768, 1024), (640, 360), (844, 390)):
+    for width, height in (_PHONE, (640, 360)):
         window.resize(width, height)
         larger = width < height
         window.script(f"store.sheet.value = '{'full' if larger else 'half'}'")
@@ -577,7 +567,7 @@ def test_an_open_sheet_hides_neither_an_alarm_nor_what_is_wrong(
     robot.inject("freeze")
     window.press("#stop")
     eventually(lambda: window.text("#alarm"), "the alarm")
-    for width, height in ((844, 390), (640, 360), (768, 1024), (360, 640)):
+    for width, height in (_TURNED, _TABLET, _PHONE):
         window.resize(width, height)
         eventually(lambda: is_seen("#alarm summary span"), "the alarm over the sheet")
         assert window.script(_CUT) == [], (width, height)

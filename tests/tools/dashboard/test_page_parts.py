@@ -33,7 +33,6 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     BuildMap,
     ExecTask,
     InitRobot,
-    SwitchMap,
     Twist,
 )
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -54,27 +53,6 @@ from woosh_robot_agent.tools.dashboard.part_data import (
 )
 
 
-async def test_a_page_gets_the_state_of_the_robot(chassis: SimulatorThread) -> None:
-    async with dashboard(chassis) as running, page(running) as viewer:
-        pose = await viewer.until(lambda parts: parts["pose"])
-        actual = chassis.state.pose
-        assert math.isclose(pose["x"], actual.x, abs_tol=0.01)
-        assert math.isclose(pose["y"], actual.y, abs_tol=0.01)
-        robot = await viewer.until(lambda parts: parts["robot"]["known"] and parts["robot"])
-        assert (robot["id"], robot["control"], robot["work"]) == (30001, "auto", "task")
-        battery = robot["battery"]
-        assert (battery["power"], battery["charging"]) == (93, False)
-        assert (robot["taskable"], robot["objections"], robot["task"]) == (True, [], None)
-        assert len(await viewer.until(lambda parts: parts["outline"])) > 2
-        link = await viewer.until(lambda parts: parts["link"]["good"] and parts["link"])
-        assert (link["state"], link["silence"], link["error"]) == ("connected", 0, "")
-        assert 0 < link["since"] <= time.time() * 1000
-        details = await viewer.until(lambda parts: parts["details"])
-        assert details["address"].endswith(str(chassis.port))
-        scenes = await viewer.until(lambda parts: parts["scenes"])
-        assert {"name": "wooshmap", "maps": ["wooshmap"]} in scenes
-
-
 async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThread) -> None:
     async with controlled(chassis) as viewer:
         await viewer.until(lambda parts: parts["map"]["marks"])
@@ -86,37 +64,29 @@ async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThre
         assert viewer.parts["map"]["name"] == "wooshmap"
 
 
-async def test_a_map_is_made_and_grows_and_maps_are_switched(chassis: SimulatorThread) -> None:
+async def test_a_map_grows_while_it_is_made_and_ends_with_its_discard(
+    chassis: SimulatorThread,
+) -> None:
     pytest.importorskip("scipy", reason="the simulated chassis makes maps with it")
     async with dashboard(chassis, control=True) as running, page(running) as viewer:
         before = await viewer.until(lambda parts: parts["map"]["marks"] and parts["map"]["number"])
         await viewer.give("workMode", mode="deploy")
-        for end in ("discardMap", "saveMap"):
-            await viewer.give("buildMap", type="add", scene="hall", map="ground")
-            assert last(chassis, BuildMap).type == BuildMap.kAdd
-            await viewer.until(lambda parts: parts["robot"]["state"] == "mapping")
-            area = await viewer.until(
-                lambda parts, before=before: (
-                    parts["map"]["number"] > before + 1
-                    and "marks" not in parts["map"]
-                    and parts["map"]
-                )
+        await viewer.give("buildMap", type="add", scene="hall", map="ground")
+        assert last(chassis, BuildMap).type == BuildMap.kAdd
+        await viewer.until(lambda parts: parts["robot"]["state"] == "mapping")
+        area = await viewer.until(
+            lambda parts: (
+                parts["map"]["number"] > before + 1 and "marks" not in parts["map"] and parts["map"]
             )
-            status, _, body = await fetch(running, f"/map/0/{area['number']}.png")
-            assert status == 200
-            with Image.open(io.BytesIO(body)) as image:
-                assert image.format == "PNG"
-            await viewer.give(end)
-            await viewer.until(lambda parts: parts["robot"]["state"] != "mapping")
-            if end == "discardMap":
-                # that of the scene again
-                before = await viewer.until(
-                    lambda parts: parts["map"]["marks"] and parts["map"]["number"]
-                )
-        await viewer.until(lambda parts: {"name": "hall", "maps": ["ground"]} in parts["scenes"])
+        )
+        status, _, body = await fetch(running, f"/map/0/{area['number']}.png")
+        assert status == 200
+        with Image.open(io.BytesIO(body)) as image:
+            assert image.format == "PNG"
+        await viewer.give("discardMap")
+        await viewer.until(lambda parts: parts["robot"]["state"] != "mapping")
+        await viewer.until(lambda parts: parts["map"]["marks"])  # that of the scene again
         await viewer.give("collectMark")
-        await viewer.give("switchMap", scene="wooshmap", map="wooshmap")
-        assert last(chassis, SwitchMap).map_name == "wooshmap"
         await viewer.give("keepPose")
         assert last(chassis, InitRobot).is_record
 
@@ -287,7 +257,7 @@ async def test_a_page_with_a_slow_connection_gets_the_newest_state(
     client_tls = ssl.create_default_context(cafile=certificate[1])
     delay = Delay()
     async with (
-        dashboard(chassis, tls=server_tls) as running,
+        dashboard(chassis, tls=server_tls, scan_rate=10.0) as running,
         delayed(running, delay) as port,
         page(running, port, tls=client_tls) as viewer,
     ):
@@ -302,7 +272,7 @@ async def test_a_large_part_that_changes_faster_than_it_is_sent_comes(
 ) -> None:
     delay = Delay()
     async with (
-        dashboard(chassis) as running,
+        dashboard(chassis, scan_rate=10.0) as running,
         delayed(running, delay) as port,
         page(running, port) as viewer,
     ):

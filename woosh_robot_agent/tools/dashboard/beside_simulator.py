@@ -29,13 +29,17 @@ _MAX_TEXT = 300
 
 @asynccontextmanager
 async def dashboard_beside(
-    simulator: SimulatedChassis, port: int, **timing: float
+    simulator: SimulatedChassis,
+    port: int,
+    scan_rate: float = DashboardConfig.scan_rate,
+    **timing: float,
 ) -> AsyncIterator[str]:
     """Serve the page for a simulated chassis on this machine, and let viewers control the chassis.
 
     Args:
         simulator: the chassis, already listening.
         port: port of the page; 0 takes a free port.
+        scan_rate: rate of the laser scans, in Hz.
         timing: fields of `ControlConfig`.
 
     Yields:
@@ -47,7 +51,9 @@ async def dashboard_beside(
     # a wildcard address can be listened on, but not connected to
     host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(simulator.config.host, simulator.config.host)
     faults = FaultCommands(simulator)
-    config = DashboardConfig(port=port, control=True, control_config=ControlConfig(**timing))
+    config = DashboardConfig(
+        port=port, control=True, scan_rate=scan_rate, control_config=ControlConfig(**timing)
+    )
     async with Dashboard([LinkConfig(host, simulator.port)], config, faults.commands) as dashboard:
         dashboard.robots[0].parts.add("simulator", faults.data, each_second=True)
         yield dashboard.url
