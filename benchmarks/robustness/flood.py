@@ -40,8 +40,6 @@ SLOW_RATE = 200.0
 """Rate of the calls to a slow chassis, in Hz."""
 _MAX_WARNINGS = 20
 """Highest number of warnings and errors in the log."""
-_CALLERS = 2
-"""Number of calling processes, because one Python process does not reach the rate."""
 _FIRST_MAP = 1_000_000
 """Map id of push number 0. It distinguishes the pushes of a flood from the simulator's own."""
 _CALLS: tuple[tuple[Any, str], ...] = (
@@ -61,6 +59,7 @@ class Size:
         pushes: rate of the pushes, in Hz.
         frame: size of the big frames, in MiB, below the agent's max_frame_size of 64 MiB.
         slow: time after which the slow chassis answers, in seconds.
+        callers: number of calling processes. One Python process does not reach the default rate.
     """
 
     seconds: float = 10.0
@@ -68,6 +67,7 @@ class Size:
     pushes: float = 5000.0
     frame: int = 60
     slow: float = 5.0
+    callers: int = 2
 
 
 WARM_UP = Size(seconds=0.5, frame=1, slow=0.2)
@@ -99,29 +99,29 @@ class Bench:
 
     def calls(self, size: Size) -> None:
         """Call faster than the agent can answer."""
-        self._flood_with_calls("Calls", size.calls, size.seconds)
+        self._flood_with_calls("Calls", size.calls, size)
 
     def slow(self, size: Size) -> None:
         """Call while the chassis answers slowly."""
         slow = self._simulator.inject("delay", seconds=size.slow)
         self._flood_with_calls(
-            f"Answers after {size.slow:g} s", SLOW_RATE, size.seconds, slow.clear, size.slow
+            f"Answers after {size.slow:g} s", SLOW_RATE, size, slow.clear, size.slow
         )
 
     def _flood_with_calls(
         self,
         part: str,
         rate: float,
-        seconds: float,
+        size: Size,
         finish: Callable[[], None] = lambda: None,
         slow: float = 0.0,
     ) -> None:
         before = self._counters()
         with (
             self._agent.watch_rss() as samples,
-            _calling_programs(self._domain, rate, seconds) as reports,
+            _calling_programs(self._domain, rate, size) as reports,
         ):
-            end = time.monotonic() + seconds
+            end = time.monotonic() + size.seconds
             self.figures += self._bystander.run(part, lambda: time.monotonic() > end)
         finish()
         sent = sum(report["sent"] for report in reports)
@@ -345,13 +345,13 @@ class _Bystander:
 
 
 @contextlib.contextmanager
-def _calling_programs(domain: int, rate: float, seconds: float) -> Iterator[list[Any]]:
+def _calling_programs(domain: int, rate: float, size: Size) -> Iterator[list[Any]]:
     """Run the calling programs; the yielded list contains their reports after the block."""
-    arguments = (str(rate / _CALLERS), str(seconds))
+    arguments = (str(rate / size.callers), str(size.seconds))
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with contextlib.ExitStack() as stack:
         callers = []
-        for _ in range(_CALLERS):
+        for _ in range(size.callers):
             caller = start_module(
                 "benchmarks.programs.flood_caller", *arguments, domain=domain, **pipes
             )
