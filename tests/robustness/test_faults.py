@@ -17,7 +17,7 @@ from woosh_robot_agent.testing import wait_until
 
 def seeds_of(kind: int) -> list[int]:
     """Return seeds for one kind of agent: of its share of the single faults, and of two pairs."""
-    alone = range(kind, len(ALONE), len(KINDS))
+    alone = range((kind + 1) % len(KINDS), len(ALONE), len(KINDS))
     first, second = (len(ALONE) + len(PAIRS) * (kind + n * len(KINDS)) // 6 for n in (0, 1))
     return [*alone, first, second]
 

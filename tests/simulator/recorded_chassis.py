@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from tests.simulator.sim_wire import Json
+from tests.simulator.sim_wire import AskingClient, Json
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
@@ -143,8 +142,8 @@ def pushed(chassis: SteppedChassis, type_name: str) -> list[Frame]:
     return [frame for frame in chassis.frames if frame.type == type_name and not frame.sn]
 
 
-class SteppedClient:
-    """A chassis that does everything at once, stepped by hand, with the methods of `JsonClient`.
+class SteppedClient(AskingClient):
+    """A client of a chassis that does everything at once, and that is stepped by hand.
 
     Simulated time passes only in `run`, `receive` and `next_push`, so that a test misses nothing.
 
@@ -153,13 +152,12 @@ class SteppedClient:
 
     Attributes:
         chassis: the model of the robot.
-        pushes: pushes on the subscribed topics that have not been asked for yet.
     """
 
     def __init__(self, **options: Any) -> None:
+        super().__init__()
         self._stepped = SteppedChassis(**{"profile": "instant", **options})
         self.chassis = self._stepped.chassis
-        self.pushes: deque[Json] = deque()
         self._topics: set[str] = set()
         self._taken = 0
         """Number of frames that were answers, pushes in `pushes`, or not subscribed to."""
@@ -168,25 +166,10 @@ class SteppedClient:
         self._topics |= set(topics)
 
     def request(self, type_name: str, body: Json | None = None) -> Json:
-        """Return the whole answer. Pushes that come before it are kept in `pushes`."""
         sn = self._stepped.request(type_name, **(body or {}))
         while not (answer := self._take(sn)):
             self._stepped.run(TIME_STEP)
         return answer
-
-    def ask(self, type_name: str, body: Json | None = None) -> Json:
-        """Return the body of the answer, which must be ok."""
-        answer = self.request(type_name, body)
-        assert answer["ok"] is True, answer
-        found: Json = answer["body"]
-        return found
-
-    def refusal(self, type_name: str, body: Json | None = None) -> str:
-        """Return the text of the answer, which must not be ok."""
-        answer = self.request(type_name, body)
-        assert answer["ok"] is False, answer
-        text: str = answer["msg"]
-        return text
 
     def run(self, seconds: float) -> None:
         """Let simulated time pass."""
@@ -194,30 +177,12 @@ class SteppedClient:
         self._take()
 
     def receive(self) -> Json:
-        """Let simulated time pass until the next push, and return it."""
         self._take()
         for _ in range(round(_WAIT_TIMEOUT / TIME_STEP)):
             if self.pushes:
                 return self.pushes.popleft()
             self.run(TIME_STEP)
         raise AssertionError("nothing is pushed")
-
-    def next_push(
-        self, type_name: str, matches: Callable[[Json], bool] = lambda body: True
-    ) -> Json:
-        """Return the body of the next matching push. Earlier ones are dropped."""
-        while True:
-            frame = self.receive()
-            if frame["type"] == type_name and matches(frame["body"]):
-                body: Json = frame["body"]
-                return body
-
-    def take_pushes(self, type_name: str) -> list[Json]:
-        """Return the bodies of all pushes of a type so far. The other pushes are dropped."""
-        self._take()
-        found = [frame["body"] for frame in self.pushes if frame["type"] == type_name]
-        self.pushes.clear()
-        return found
 
     def _take(self, sn: int = 0) -> Json | None:
         """Move pushes to `pushes`, all or those before an answer; return the answer."""
