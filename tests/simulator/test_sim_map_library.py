@@ -21,7 +21,7 @@ from tests.simulator.test_sim_uploads import (
 )
 from woosh_robot_agent.simulator.refusals import REFUSALS
 
-INCREMENTAL, FULL = 0, 1
+FULL = 1
 EASY = "woosh.map.SceneDataEasy"
 Files = dict[str, bytes]
 
