@@ -50,8 +50,8 @@ def download(client: JsonClient, scene: str = "") -> Files:
     return {each["name"]: base64.b64decode(each["data"]) for each in answer["body"]["fileDatas"]}
 
 
-def send_files(client: JsonClient, scene: str, files: Files, method: int = FULL) -> Json:
-    body = {"sceneName": scene, "fileDatas": file_datas(files), "method": method}
+def send_files(client: JsonClient, scene: str, files: Files) -> Json:
+    body = {"sceneName": scene, "fileDatas": file_datas(files), "method": FULL}
     return client.request("woosh.map.Upload", body)
 
 
