@@ -1,9 +1,9 @@
 """Call `robot/Speak` at a fixed rate and report the answers.
 
-    python -m benchmarks.programs.flood_caller RATE SECONDS
+    python -m benchmarks.programs.flood_caller
 
-Prints `ready` when the service has answered a call and begins after a line on stdin. At the end it
-prints one JSON object.
+Prints `ready` when the service has answered a call. For each line on stdin, with a rate in Hz and a
+duration in seconds, it makes a flood of calls and prints one JSON object.
 """
 
 from __future__ import annotations
@@ -85,6 +85,8 @@ class Caller:
 
     def flood(self, rate: float, seconds: float) -> dict[str, Any]:
         """Call at a rate in Hz, wait for the answers and return a summary of them."""
+        for each in (self._sent, self._answers, self._kinds, self._waits):
+            each.clear()
         begin = time.monotonic()
         while (elapsed := time.monotonic() - begin) < seconds:
             while len(self._sent) < elapsed * rate:
@@ -115,7 +117,7 @@ class Caller:
         if header is None:
             return False
         number = header.request_id.sequence_number
-        if number not in self._sent:  # a late answer to a call of `wait_for_service`
+        if number not in self._sent:  # a late answer to a call before this flood
             return True
         self._answers[number] += 1
         self._waits.append(time.monotonic() - self._sent[number])
@@ -140,15 +142,16 @@ def _kind(response: Any) -> str:
     return "too many" if "requests are in flight" in response.msg else response.msg[:60]
 
 
-def main(rate: str, seconds: str) -> None:
+def main() -> None:
     rclpy.init()
     caller = Caller()
     caller.wait_for_service()
     print("ready", flush=True)
-    sys.stdin.readline()
-    print(json.dumps(caller.flood(float(rate), float(seconds))), flush=True)
+    for line in sys.stdin:
+        rate, seconds = map(float, line.split())
+        print(json.dumps(caller.flood(rate, seconds)), flush=True)
     rclpy.shutdown()
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

@@ -16,7 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import IO, Any
 
 from benchmarks.figures import Figure, print_and_judge
 from benchmarks.processes import MIB, start_module
@@ -40,8 +40,6 @@ SLOW_RATE = 200.0
 """Rate of the calls to a slow chassis, in Hz."""
 _MAX_WARNINGS = 20
 """Highest number of warnings and errors in the log."""
-_CALLERS = 2
-"""Number of calling processes, because one Python process does not reach the rate."""
 _FIRST_MAP = 1_000_000
 """Map id of push number 0. It distinguishes the pushes of a flood from the simulator's own."""
 _CALLS: tuple[tuple[Any, str], ...] = (
@@ -61,6 +59,7 @@ class Size:
         pushes: rate of the pushes, in Hz.
         frame: size of the big frames, in MiB, below the agent's max_frame_size of 64 MiB.
         slow: time after which the slow chassis answers, in seconds.
+        callers: number of calling processes. One Python process does not reach the default rate.
     """
 
     seconds: float = 10.0
@@ -68,6 +67,7 @@ class Size:
     pushes: float = 5000.0
     frame: int = 60
     slow: float = 5.0
+    callers: int = 2
 
 
 WARM_UP = Size(seconds=0.5, frame=1, slow=0.2)
@@ -76,17 +76,29 @@ WARM_UP = Size(seconds=0.5, frame=1, slow=0.2)
 class Bench:
     """An agent that is flooded, its chassis, and a bystander: another client that calls the agent.
 
+    Args:
+        domain: ROS domain of the agent.
+        simulator: the chassis.
+        agent: the agent.
+        callers: the programs that flood it with calls.
+
     Attributes:
         figures: results so far.
         idle: idle memory, in bytes; 0 as long as it is unknown.
     """
 
-    def __init__(self, domain: int, simulator: SimulatorThread, agent: DebugAgentProcess) -> None:
+    def __init__(
+        self,
+        domain: int,
+        simulator: SimulatorThread,
+        agent: DebugAgentProcess,
+        callers: Sequence[subprocess.Popen[str]],
+    ) -> None:
         self.figures: list[Figure] = []
         self.idle = 0
         self._simulator = simulator
         self._agent = agent
-        self._domain = domain
+        self._callers = callers
         self._client = Client(domain)
         self._bystander = _Bystander(self._client, simulator)
         self._poses = self._client.echo(PoseSpeedMsg, "robot/PoseSpeed")
@@ -99,30 +111,31 @@ class Bench:
 
     def calls(self, size: Size) -> None:
         """Call faster than the agent can answer."""
-        self._flood_with_calls("Calls", size.calls, size.seconds)
+        self._flood_with_calls("Calls", size.calls, size)
 
     def slow(self, size: Size) -> None:
         """Call while the chassis answers slowly."""
         slow = self._simulator.inject("delay", seconds=size.slow)
         self._flood_with_calls(
-            f"Answers after {size.slow:g} s", SLOW_RATE, size.seconds, slow.clear, size.slow
+            f"Answers after {size.slow:g} s", SLOW_RATE, size, slow.clear, size.slow
         )
 
     def _flood_with_calls(
         self,
         part: str,
         rate: float,
-        seconds: float,
+        size: Size,
         finish: Callable[[], None] = lambda: None,
         slow: float = 0.0,
     ) -> None:
         before = self._counters()
-        with (
-            self._agent.watch_rss() as samples,
-            _calling_programs(self._domain, rate, seconds) as reports,
-        ):
-            end = time.monotonic() + seconds
+        with self._agent.watch_rss() as samples:
+            for caller in self._callers:
+                _pipe(caller.stdin).write(f"{rate / len(self._callers)} {size.seconds}\n")
+                _pipe(caller.stdin).flush()
+            end = time.monotonic() + size.seconds
             self.figures += self._bystander.run(part, lambda: time.monotonic() > end)
+            reports = [json.loads(_pipe(each.stdout).readline()) for each in self._callers]
         finish()
         sent = sum(report["sent"] for report in reports)
         answered = sum(report["answered"] for report in reports)
@@ -345,35 +358,30 @@ class _Bystander:
 
 
 @contextlib.contextmanager
-def _calling_programs(domain: int, rate: float, seconds: float) -> Iterator[list[Any]]:
-    """Run the calling programs; the yielded list contains their reports after the block."""
-    arguments = (str(rate / _CALLERS), str(seconds))
+def _calling_programs(domain: int, count: int) -> Iterator[list[subprocess.Popen[str]]]:
+    """Run the calling programs while the block runs."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with contextlib.ExitStack() as stack:
         callers = []
-        for _ in range(_CALLERS):
-            caller = start_module(
-                "benchmarks.programs.flood_caller", *arguments, domain=domain, **pipes
-            )
+        for _ in range(count):
+            caller = start_module("benchmarks.programs.flood_caller", domain=domain, **pipes)
             stack.callback(_kill, caller)
             callers.append(caller)
         for caller in callers:
-            assert caller.stdout.readline().strip() == "ready"
-        for caller in callers:
-            caller.stdin.write("go\n")
-            caller.stdin.flush()
-        reports: list[Any] = []
-        yield reports
-        reports += [json.loads(caller.stdout.readline()) for caller in callers]
+            assert _pipe(caller.stdout).readline().strip() == "ready"
+        yield callers
+
+
+def _pipe(pipe: IO[str] | None) -> IO[str]:
+    assert pipe is not None
+    return pipe
 
 
 def _kill(process: subprocess.Popen[str]) -> None:
     process.kill()
     process.wait()
-    assert process.stdin is not None
-    assert process.stdout is not None
-    process.stdin.close()
-    process.stdout.close()
+    _pipe(process.stdin).close()
+    _pipe(process.stdout).close()
 
 
 def _push_mixed(chassis: Any, sent: dict[str, int], count: int) -> None:
@@ -425,7 +433,8 @@ def run(size: Size, *, measure_memory: bool = True) -> list[Figure]:
         own_domain() as domain,
         SimulatorThread(config) as simulator,
         connected_agent(domain, simulator, poll_timeout=int(TIMEOUT * 1000)) as agent,
-        contextlib.closing(Bench(domain, simulator, agent)) as bench,
+        _calling_programs(domain, size.callers) as callers,
+        contextlib.closing(Bench(domain, simulator, agent, callers)) as bench,
     ):
         floods = (bench.calls, bench.pushes, bench.frames, bench.slow)
         if measure_memory:

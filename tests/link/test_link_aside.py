@@ -89,28 +89,23 @@ async def test_only_a_large_push_is_converted_in_another_thread() -> None:
         assert {called for _, _, called in seen} == {here}
 
 
-async def test_other_pushes_and_answers_do_not_wait_for_a_large_push(gate: threading.Event) -> None:
-    async with Peer() as peer, peer.client() as client:
-        poses: list[PoseSpeed] = []
-        client.subscribe(PoseSpeed, poses.append)
-        await occupy(peer, client, gate)
-        wire = await peer.wire()
-        await wire.push(full_name(PoseSpeed))
-        await eventually(lambda: poses)
-        assert (await answered(client.request(Speak()), wire)).ok
-
-
-async def test_pushes_of_the_same_type_wait_and_only_the_newest_count(
+async def test_only_pushes_of_the_same_type_wait_for_a_large_one_in_their_order(
     gate: threading.Event,
 ) -> None:
     async with Peer() as peer, peer.client() as client:
+        poses: list[PoseSpeed] = []
         lengths: list[int] = []
+        client.subscribe(PoseSpeed, poses.append)
         client.subscribe(NavPath, lambda push: lengths.append(len(push.path.poses)))
         await occupy(peer, client, gate)
         wire = await peer.wire()
-        for poses in range(3):
-            await wire.push(full_name(NavPath), body(path(poses)))
+        for number in range(3):
+            await wire.push(full_name(NavPath), body(path(number)))
         await eventually(lambda: client.debug()["pushes"] == 3)
+        await wire.push(full_name(PoseSpeed))
+        await eventually(lambda: poses)
+        assert (await answered(client.request(Speak()), wire)).ok
+        assert lengths in ([], [POSES])  # the three wait
         gate.set()
         await eventually(lambda: len(lengths) == 4)
         assert lengths == [POSES, 0, 1, 2]

@@ -7,25 +7,17 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from woosh_robot_agent.link.codecs import json_text
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.frames import FrameError
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData, TaskProc
 
-quick = settings(
-    max_examples=15, deadline=None, suppress_health_check=list(HealthCheck), database=None
-)
 BOTH_PARSERS = pytest.mark.usefixtures("parser")
-WRITABLE = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers(-(2**63), 2**64 - 1)
-    | st.floats(allow_nan=False, allow_infinity=False)
-    | st.text(),
-    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+VALUES = (
+    *(None, True, False, "", "A2", "机器人 ß🤖", '\u2028\x7f\0\\/"\n', [], {}),
+    *(0, -1, 2**31, 2**53 + 1, -(2**63), 2**64 - 1, 0.0, -0.0, 0.1, 1e-7, 1e16, 5e-324, 1.7e308),
+    {"": [1, [2.5, {"a": None, "é": "b"}], []], "nested": {"x": {"y": [[], {}]}}},
 )
 
 
@@ -36,23 +28,14 @@ def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @BOTH_PARSERS
-@quick
-@given(value=WRITABLE | st.just(math.inf), ascii_only=st.booleans())
-def test_each_value_is_read_as_by_the_standard_library(value: Any, ascii_only: bool) -> None:
-    text = json.dumps(value, ensure_ascii=ascii_only)
-    encodings = [text]
-    if ascii_only:
-        encodings.append(text.encode())
-    for each in encodings:
-        assert repr(json_text.parse(each)) == repr(json.loads(text))
-
-
-@BOTH_PARSERS
-@quick
-@given(value=WRITABLE | st.integers() | st.text(st.characters(codec=None)))
-def test_each_value_is_written_as_by_the_standard_library(value: Any) -> None:
-    text = json_text.write(value)
-    assert repr(json.loads(text)) == repr(value)
+def test_each_value_is_read_and_written_as_by_the_standard_library() -> None:
+    for value in (*VALUES, math.inf):
+        for text in (json.dumps(value), json.dumps(value, ensure_ascii=False)):
+            assert (
+                repr(json_text.parse(text)) == repr(json_text.parse(text.encode())) == repr(value)
+            )
+    for value in (*VALUES, 10**30, "\ud800"):  # the last ones, orjson cannot write
+        assert repr(json.loads(json_text.write(value))) == repr(value)
 
 
 @BOTH_PARSERS

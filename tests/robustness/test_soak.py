@@ -11,14 +11,14 @@ from benchmarks.figures import figures_table
 from benchmarks.robustness.soak import Length, run
 
 SHORT = Length(
-    seconds=10.0,
-    fault_every=0.7,
-    reference_after=5.0,
+    seconds=6.0,
+    fault_every=0.6,
+    reference_after=3.0,
     sample_every=2.0,
     samples_at_rest=1,
     rest_timeout=300.0,
 )
-"""A length sufficient to inject half of the faults; `test_faults` has each of them."""
+"""A length sufficient to inject a third of the faults; `test_faults` has each of them."""
 
 
 @pytest.mark.timeout(900)

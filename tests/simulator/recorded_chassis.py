@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from tests.simulator.sim_wire import Json
+from tests.simulator.sim_wire import AskingClient, Json
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
@@ -140,3 +140,57 @@ class SteppedChassis(Client):
 def pushed(chassis: SteppedChassis, type_name: str) -> list[Frame]:
     """Return all pushes of a type."""
     return [frame for frame in chassis.frames if frame.type == type_name and not frame.sn]
+
+
+class SteppedClient(AskingClient):
+    """A client of a chassis that does everything at once, and that is stepped by hand.
+
+    Simulated time passes only in `run`, `receive` and `next_push`, so that a test misses nothing.
+
+    Args:
+        options: options of `SimulatorConfig`.
+
+    Attributes:
+        chassis: the model of the robot.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__()
+        self._stepped = SteppedChassis(**{"profile": "instant", **options})
+        self.chassis = self._stepped.chassis
+        self._topics: set[str] = set()
+        self._taken = 0
+        """Number of frames that were answers, pushes in `pushes`, or not subscribed to."""
+
+    def subscribe(self, *topics: str) -> None:
+        self._topics |= set(topics)
+
+    def request(self, type_name: str, body: Json | None = None) -> Json:
+        sn = self._stepped.request(type_name, **(body or {}))
+        while not (answer := self._take(sn)):
+            self._stepped.run(TIME_STEP)
+        return answer
+
+    def run(self, seconds: float) -> None:
+        """Let simulated time pass."""
+        self._stepped.run(seconds)
+        self._take()
+
+    def receive(self) -> Json:
+        self._take()
+        for _ in range(round(_WAIT_TIMEOUT / TIME_STEP)):
+            if self.pushes:
+                return self.pushes.popleft()
+            self.run(TIME_STEP)
+        raise AssertionError("nothing is pushed")
+
+    def _take(self, sn: int = 0) -> Json | None:
+        """Move pushes to `pushes`, all or those before an answer; return the answer."""
+        while self._taken < len(self._stepped.raw):
+            frame = self._stepped.raw[self._taken]
+            self._taken += 1
+            if "sn" in frame and frame["sn"] == sn:
+                return frame
+            if "sn" not in frame and frame["type"] in self._topics:
+                self.pushes.append(frame)
+        return None

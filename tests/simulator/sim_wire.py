@@ -27,19 +27,71 @@ TIMEOUT = 60.0
 Json = dict[str, Any]
 
 
-class JsonClient:
-    """Blocking client for JSON text frames over a WebSocket.
+class AskingClient:
+    """Methods that clients share, whether they wait for the chassis or step it by hand.
 
     Attributes:
         pushes: pushes that have not been asked for yet.
+    """
+
+    def __init__(self) -> None:
+        self.pushes: deque[Json] = deque()
+
+    def request(self, type_name: str, body: Json | None = None) -> Json:
+        """Return the whole answer. Pushes that arrive before it are kept in `pushes`."""
+        raise NotImplementedError
+
+    def receive(self) -> Json:
+        """Return the next frame that is not in `pushes`."""
+        raise NotImplementedError
+
+    def ask(self, type_name: str, body: Json | None = None) -> Json:
+        """Return the body of the answer, which must be ok."""
+        answer = self.request(type_name, body)
+        assert answer["ok"] is True, answer
+        found: Json = answer["body"]
+        return found
+
+    def refusal(self, type_name: str, body: Json | None = None) -> str:
+        """Return the text of the answer, which must not be ok."""
+        answer = self.request(type_name, body)
+        assert answer["ok"] is False, answer
+        assert answer["body"] == {}
+        text: str = answer["msg"]
+        return text
+
+    def next_push(
+        self, type_name: str, matches: Callable[[Json], bool] = lambda body: True
+    ) -> Json:
+        """Return the body of the next matching push. Earlier frames are dropped."""
+        deadline = time.monotonic() + TIMEOUT
+        while True:
+            frame = self.pushes.popleft() if self.pushes else self.receive()
+            if frame["type"] == type_name and matches(frame["body"]):
+                body: Json = frame["body"]
+                return body
+            assert time.monotonic() < deadline, f"no {type_name} that matches"
+
+    def take_pushes(self, type_name: str) -> list[Json]:
+        """Return the bodies of all pushes of a type so far. The other pushes are dropped."""
+        self.ask("woosh.robot.Mode")
+        found = [frame["body"] for frame in self.pushes if frame["type"] == type_name]
+        self.pushes.clear()
+        return found
+
+
+class JsonClient(AskingClient):
+    """Blocking client for JSON text frames over a WebSocket.
+
+    Attributes:
         simulator: the simulated chassis, unless it runs as a program.
     """
 
     def __init__(self, port: int, simulator: SimulatorThread | None = None) -> None:
+        super().__init__()
         self.simulator: Any = simulator
         self._loop = asyncio.new_event_loop()
         self._sn = 0
-        self.pushes: deque[Json] = deque()
         try:
             self.socket: Any = self.complete(_connect(f"ws://127.0.0.1:{port}"))
         except BaseException:
@@ -69,7 +121,6 @@ class JsonClient:
         raise AssertionError(f"received {frame}")
 
     def request(self, type_name: str, body: Json | None = None) -> Json:
-        """Return the whole answer. Pushes that arrive before it are kept in `pushes`."""
         self._sn += 1
         self.send({"type": type_name, "body": body or {}, "sn": self._sn})
         while True:
@@ -78,44 +129,10 @@ class JsonClient:
                 return frame
             self.pushes.append(frame)
 
-    def ask(self, type_name: str, body: Json | None = None) -> Json:
-        """Return the body of the answer, which must be ok."""
-        answer = self.request(type_name, body)
-        assert answer["ok"] is True, answer
-        found: Json = answer["body"]
-        return found
-
-    def refusal(self, type_name: str, body: Json | None = None) -> str:
-        """Return the text of the answer, which must not be ok."""
-        answer = self.request(type_name, body)
-        assert answer["ok"] is False, answer
-        assert answer["body"] == {}
-        text: str = answer["msg"]
-        return text
-
     def subscribe(self, *topics: str, sub: bool = True) -> None:
         """Subscribe, and return once the chassis has processed it."""
         self.send({"type": "woosh.Subscription", "body": {"topics": list(topics), "sub": sub}})
         self.ask("woosh.robot.Mode")
-
-    def next_push(
-        self, type_name: str, matches: Callable[[Json], bool] = lambda body: True
-    ) -> Json:
-        """Return the body of the next matching push. Earlier frames are dropped."""
-        deadline = time.monotonic() + TIMEOUT
-        while True:
-            frame = self.pushes.popleft() if self.pushes else self.receive()
-            if frame["type"] == type_name and matches(frame["body"]):
-                body: Json = frame["body"]
-                return body
-            assert time.monotonic() < deadline, f"no {type_name} that matches"
-
-    def take_pushes(self, type_name: str) -> list[Json]:
-        """Return the bodies of all pushes of a type so far. The other pushes are dropped."""
-        self.ask("woosh.robot.Mode")
-        found = [frame["body"] for frame in self.pushes if frame["type"] == type_name]
-        self.pushes.clear()
-        return found
 
     def complete(self, awaitable: Any, timeout: float = TIMEOUT) -> Any:
         """Wait for an awaitable of `socket`, and return its result."""

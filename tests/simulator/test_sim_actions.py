@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from tests.quick_chassis import set_speed
-from tests.simulator.sim_wire import Json, JsonClient
+from tests.simulator.recorded_chassis import SteppedClient
+from tests.simulator.sim_wire import Json
 
 CALL = "woosh.ros.CallAction"
 FEEDBACKS = "woosh.ros.Feedbacks"
@@ -15,18 +15,23 @@ SUCCESS, FAILURE, CANCEL, EXECUTING, PAUSE, EXECUTE_FAILED = 1, -1, -2, 2, 3, 5
 TERMINAL = (SUCCESS, FAILURE, CANCEL, EXECUTE_FAILED)
 
 
+@pytest.fixture
+def client() -> SteppedClient:
+    return SteppedClient()
+
+
 @pytest.fixture(autouse=True)
-def _subscribed(client: JsonClient) -> None:
+def _subscribed(client: SteppedClient) -> None:
     client.subscribe(FEEDBACKS)
 
 
-def next_feedback(client: JsonClient) -> Json:
+def next_feedback(client: SteppedClient) -> Json:
     (one,) = client.next_push(FEEDBACKS)["fbs"]
     found: Json = one
     return found
 
 
-def feedback_until_end(client: JsonClient) -> list[Json]:
+def feedback_until_end(client: SteppedClient) -> list[Json]:
     """Return all feedback up to the end of an action."""
     found = [next_feedback(client)]
     while found[-1]["state"] not in TERMINAL:
@@ -34,7 +39,7 @@ def feedback_until_end(client: JsonClient) -> list[Json]:
     return found
 
 
-def wait_state(client: JsonClient, state: int) -> None:
+def wait_state(client: SteppedClient, state: int) -> None:
     """Wait for feedback with this state."""
     client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == state)
 
@@ -55,7 +60,7 @@ STEPS = [
 """Modes of steps, their values and angles, and the changes of the pose."""
 
 
-def test_step_moves_the_base_by_its_value(client: JsonClient) -> None:
+def test_step_moves_the_base_by_its_value(client: SteppedClient) -> None:
     for mode, value, angle, expected in STEPS:
         client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
         client.ask(CALL, step_request(mode, value, speed=0.78, angle=angle))
@@ -63,23 +68,23 @@ def test_step_moves_the_base_by_its_value(client: JsonClient) -> None:
         assert {each["action"] for each in reports} == {"woosh.ros.action.StepControl"}
         assert [each["state"] for each in reports[:-1]] == [EXECUTING] * (len(reports) - 1)
         assert reports[-1]["state"] == SUCCESS
-        pose = client.simulator.state.pose
+        pose = client.chassis.pose
         assert (pose.x - 3, pose.y, pose.theta) == pytest.approx(expected, abs=1e-5)
 
 
-def test_lift_actions_reach_their_heights(client: JsonClient) -> None:
+def test_lift_actions_reach_their_heights(client: SteppedClient) -> None:
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
-    assert client.simulator.state.jack == pytest.approx(0.06)
+    assert client.chassis.jack.height == pytest.approx(0.06)
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 2}})
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
-    assert client.simulator.state.jack == 0.0
+    assert client.chassis.jack.height == 0.0
     for mode, height, there in ((1, 0.5, 0.5), (2, 0.2, 0.7), (2, -0.1, 0.6), (3, 0, 0), (4, 0, 0)):
         lift3 = {"action": 1, "executeMode": mode, "speed": 0.2, "height": height}
         client.ask(CALL, {"liftControl3": lift3})
         end = feedback_until_end(client)[-1]
         assert (end["action"], end["state"]) == ("woosh.ros.action.LiftControl3", SUCCESS)
-        assert client.simulator.state.column == pytest.approx(there, abs=1e-6)
+        assert client.chassis.column.height == pytest.approx(there, abs=1e-6)
     client.ask(CALL, {"liftControl2": {"action": 1, "height": 0.4}})
     feedback_until_end(client)
     client.ask(CALL, {"liftControl3": {"action": 1, "executeMode": 0}})
@@ -89,7 +94,7 @@ def test_lift_actions_reach_their_heights(client: JsonClient) -> None:
 TARGET = {"x": 0.57, "y": 2.54, "theta": 1.57}
 
 
-def test_move_base_reaches_its_target_or_last_pose(client: JsonClient) -> None:
+def test_move_base_reaches_its_target_or_last_pose(client: SteppedClient) -> None:
     via = {"x": 3, "y": -2}
     for move in (
         {"poses": [TARGET], "targetPose": TARGET},
@@ -99,22 +104,20 @@ def test_move_base_reaches_its_target_or_last_pose(client: JsonClient) -> None:
         reports = feedback_until_end(client)
         assert reports[-1]["state"] == SUCCESS
         assert len(reports) > 3
-        pose = client.simulator.state.pose
+        pose = client.chassis.pose
         assert (pose.x, pose.y, pose.theta) == pytest.approx((0.57, 2.54, 1.57), abs=0.005)
 
 
-def test_action_can_be_paused_resumed_and_cancelled(client: JsonClient) -> None:
+def test_action_can_be_paused_resumed_and_cancelled(client: SteppedClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 3, "y": 0, "theta": 0}})
-    set_speed(client.simulator, 1.0)  # it drives until it is paused
     client.ask(CALL, step_request(1, 2.0, speed=0.1))
     assert next_feedback(client)["state"] == EXECUTING
     client.ask(CALL, {"stepControl": {"action": 2}})
     wait_state(client, PAUSE)
     assert client.ask("woosh.robot.OperationState")["robot"] == 1
     client.ask(CALL, {"stepControl": {"action": 3}})
-    set_speed(client.simulator, 50.0)
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
-    assert client.simulator.state.pose.x == pytest.approx(5.0, abs=1e-5)
+    assert client.chassis.pose.x == pytest.approx(5.0, abs=1e-5)
     client.ask(CALL, step_request(1, -3.0, speed=0.1))
     client.ask(CALL, {"stepControl": {"action": 0}})
     assert feedback_until_end(client)[-1]["state"] == CANCEL
@@ -122,7 +125,7 @@ def test_action_can_be_paused_resumed_and_cancelled(client: JsonClient) -> None:
         assert "not running" in client.refusal(CALL, {"stepControl": {"action": action}})
 
 
-def test_newer_motion_replaces_a_step_but_a_lift_does_not(client: JsonClient) -> None:
+def test_newer_motion_replaces_a_step_but_a_lift_does_not(client: SteppedClient) -> None:
     client.ask(CALL, step_request(1, 3.0, speed=0.05))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     end = feedback_until_end(client)[-1]
@@ -135,9 +138,8 @@ def test_newer_motion_replaces_a_step_but_a_lift_does_not(client: JsonClient) ->
     assert "replaced" in ends[-1]["msg"]
 
 
-def test_task_replaces_a_step_and_refuses_another(client: JsonClient) -> None:
+def test_task_replaces_a_step_and_refuses_another(client: SteppedClient) -> None:
     client.subscribe("woosh.robot.TaskProc")
-    set_speed(client.simulator, 1.0)  # nothing ends by itself
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     client.ask("woosh.robot.ExecTask", {"taskId": 4, "type": 1, "markNo": "A23"})
     assert feedback_until_end(client)[-1]["state"] == CANCEL
@@ -165,13 +167,11 @@ CANCELS: list[tuple[Json, Json]] = [
 """Commands, and those that cancel them."""
 
 
-def test_cancel_moves_nothing_whatever_else_the_command_contains(client: JsonClient) -> None:
-    set_speed(client.simulator, 1.0)  # so that no command has ended when it is cancelled
-    before = client.simulator.state
+def test_cancel_moves_nothing_whatever_else_the_command_contains(client: SteppedClient) -> None:
+    before = client.chassis.pose, client.chassis.column.height
     for _, cancel in CANCELS:
         assert "is not running" in client.refusal(CALL, cancel)
-    now = client.simulator.state
-    assert (now.pose, now.column) == (before.pose, before.column)
+    assert (client.chassis.pose, client.chassis.column.height) == before
     for start, cancel in CANCELS:
         client.ask(CALL, start)
         assert next_feedback(client)["state"] == EXECUTING
@@ -179,25 +179,25 @@ def test_cancel_moves_nothing_whatever_else_the_command_contains(client: JsonCli
         assert feedback_until_end(client)[-1]["state"] == CANCEL
 
 
-def test_emergency_stop_ends_actions(client: JsonClient) -> None:
+def test_emergency_stop_ends_actions(client: SteppedClient) -> None:
     client.ask(CALL, step_request(1, 3.0, speed=0.1))
     assert next_feedback(client)["state"] == EXECUTING
-    client.simulator.set_emergency_stop(True)
+    client.chassis.set_emergency_stop(True)
     end = feedback_until_end(client)[-1]
     assert (end["state"], end["msg"]) == (EXECUTE_FAILED, "emergency stop is pressed")
-    assert client.simulator.state.velocity.speed == 0.0
+    assert client.chassis.base.velocity.speed == 0.0
 
 
 CHARGE = {"chargeControl": {"action": 1, "executeMode": 1}}
 EXIT = {"chargeControl": {"action": 1, "executeMode": 2}}
 
 
-def wait_charge_state(client: JsonClient, state: int) -> None:
+def wait_charge_state(client: SteppedClient, state: int) -> None:
     while client.ask("woosh.robot.Battery")["chargeState"] != state:
-        pass
+        client.run(0.1)
 
 
-def test_charge_control_starts_pauses_and_stops_charging(client: JsonClient) -> None:
+def test_charge_control_starts_pauses_and_stops_charging(client: SteppedClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": -10.8, "y": 0.5, "theta": 3.14}})
     client.ask(CALL, CHARGE)
     for action, state, charge_state in ((2, PAUSE, 1), (3, EXECUTING, 3), (0, CANCEL, 1)):
@@ -215,26 +215,25 @@ def test_charge_control_starts_pauses_and_stops_charging(client: JsonClient) -> 
     ]
     assert client.ask("woosh.robot.Battery")["chargeState"] == 1
     assert client.ask("woosh.robot.RobotState")["state"] == 2
-    pose = client.simulator.state.pose
+    pose = client.chassis.pose
     assert (pose.x, pose.y) == pytest.approx((-10.3, 0.5), abs=0.01)
 
 
-def test_leaving_a_charger_elsewhere_succeeds_without_moving(client: JsonClient) -> None:
-    odometer = client.simulator.state.odometer
+def test_leaving_a_charger_elsewhere_succeeds_without_moving(client: SteppedClient) -> None:
+    odometer = client.chassis.base.odometer
     client.ask(CALL, EXIT)
     assert feedback_until_end(client)[-1]["msg"] == "not at a charger"
-    assert client.simulator.state.odometer == odometer
+    assert client.chassis.base.odometer == odometer
 
 
-def test_leaving_a_charger_is_refused_while_a_task_charges(client: JsonClient) -> None:
+def test_leaving_a_charger_is_refused_while_a_task_charges(client: SteppedClient) -> None:
     client.subscribe(FEEDBACKS, "woosh.robot.TaskProc")
     client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 3, "markNo": "C1"})
     client.next_push("woosh.robot.TaskProc", lambda body: body.get("action", {}).get("type") == 7)
     assert client.refusal(CALL, EXIT).startswith("task 5 is running")
 
 
-def test_path_requests_refer_to_the_job_that_drives(client: JsonClient) -> None:
-    set_speed(client.simulator, 1.0)  # nothing ends by itself
+def test_path_requests_refer_to_the_job_that_drives(client: SteppedClient) -> None:
     client.ask("woosh.robot.ExecTask", {"taskId": 8, "type": 1, "markNo": "A23"})
     client.ask("woosh.robot.ActionOrder", {"order": 2})
 
@@ -258,12 +257,11 @@ def test_path_requests_refer_to_the_job_that_drives(client: JsonClient) -> None:
     assert goal() is None
 
 
-def test_path_requests_refer_to_the_action_for_which_a_task_waits(client: JsonClient) -> None:
+def test_path_requests_refer_to_the_action_for_which_a_task_waits(client: SteppedClient) -> None:
     client.subscribe("woosh.robot.TaskProc")
     client.ask("woosh.robot.ExecPreTask", {"taskSetId": 777})
     client.next_push("woosh.robot.TaskProc", lambda body: body["state"] == 5)  # it waits
     target = {"x": 3.0, "y": -5.0, "theta": 0.0}
-    set_speed(client.simulator, 1.0)  # the action still drives when the path is read
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": target}})
     client.ask("woosh.robot.ActionOrder", {"order": 3})
     client.next_push("woosh.robot.TaskProc", lambda body: body["robotTaskId"] == "77702")
@@ -272,14 +270,12 @@ def test_path_requests_refer_to_the_action_for_which_a_task_waits(client: JsonCl
     assert segment["target"] == target
 
 
-def test_zero_twist_pauses_a_moving_action(client: JsonClient) -> None:
-    set_speed(client.simulator, 1.0)  # the step has not ended when the velocity comes
+def test_zero_twist_pauses_a_moving_action(client: SteppedClient) -> None:
     client.ask(CALL, step_request(1, 3.0, speed=0.5))
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 1}})
     answer = client.request("woosh.robot.Twist")
-    set_speed(client.simulator, 50.0)
     assert answer["msg"] == "stopped: StepControl is paused, continue or cancel it"
-    assert client.simulator.state.velocity.speed == 0.0
+    assert client.chassis.base.velocity.speed == 0.0
     states: dict[str, int] = {}
     expected = {"woosh.ros.action.LiftControl": SUCCESS, "woosh.ros.action.StepControl": PAUSE}
     while states != expected:
@@ -290,7 +286,7 @@ def test_zero_twist_pauses_a_moving_action(client: JsonClient) -> None:
 
 
 def test_move_base_to_a_pose_that_cannot_be_reached_reports_a_status_code(
-    client: JsonClient,
+    client: SteppedClient,
 ) -> None:
     for target, code in (
         ({"x": -4.8, "y": -6.0}, "130101000011"),  # too close to a wall to stand there

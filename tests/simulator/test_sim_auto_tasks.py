@@ -13,7 +13,7 @@ from tests.simulator.sim_wire import Json
 PROC, TWIST = "woosh.robot.TaskProc", "woosh.robot.Twist"
 INIT, READY, EXECUTING, COMPLETED, CANCELED = 1, 2, 3, 7, 8
 PARKING, CHARGE = 2, 3
-CHARGE_AFTER, PARK_AFTER = 10.0, 30.0  # simulated seconds
+CHARGE_AFTER, PARK_AFTER = 5.0, 15.0  # simulated seconds
 LOW = 15.0
 
 
@@ -94,7 +94,7 @@ def test_no_automatic_task_starts_while_the_robot_is_in_use_or_has_no_mark(
 def test_neither_a_paused_task_nor_velocities_give_way_to_automatic_tasks(
     chassis: SteppedChassis,
 ) -> None:
-    for _ in range(30):
+    for _ in range(15):
         ask(chassis, TWIST)  # an untouched joystick sends zeros too
         chassis.run(0.5)
     assert pushed(chassis, PROC) == []

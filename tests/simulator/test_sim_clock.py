@@ -55,15 +55,6 @@ def test_clock_of_a_running_robot_jumps(client: JsonClient) -> None:
     assert client.simulator.state.elapsed - elapsed < 600  # the simulated time itself does not jump
 
 
-def test_jumps_never_exceed_the_maximum_offset(client: JsonClient) -> None:
-    jumps = [client.simulator.inject("clock_jump", by=-MAX_CLOCK_OFFSET) for _ in range(10)]
-    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
-    assert client.simulator.call(lambda s: s.chassis.clock_offset) == -MAX_CLOCK_OFFSET
-    for jump in jumps:
-        jump.clear()
-    assert client.simulator.call(lambda s: s.chassis.clock_offset) == 0.0
-
-
 def test_offset_is_limited() -> None:
     for offset in (1e10, -1e10, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="more than 10 years"):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import Connect, JsonClient
 from tests.simulator.test_sim_program import running
 from woosh_robot_agent.simulator import FaultError, Scenario, SimulatorThread, load_scenario
@@ -80,23 +79,6 @@ def test_invalid_options_are_refused_with_a_hint(
     assert "No such file" in capsys.readouterr().err
 
 
-def test_faults_begin_at_their_simulated_times(scenario: Path) -> None:
-    config = quick_config(port=0, tcp_port=0, speed=100, seed=2, scenario=load_scenario(scenario))
-    with SimulatorThread(config) as simulator:
-        wait_until(lambda: simulator.injected["drop"])
-        names = ("emergency_stop", "lost_localisation", "refuse", "drop")
-        assert dict(simulator.injected) == dict.fromkeys(names, 1)
-        assert [fault.name for fault in simulator.faults] == ["refuse"]
-        with closing(JsonClient(simulator.port)) as client:
-            assert client.refusal("woosh.robot.Speak") == "not now: busy"
-            codes = client.ask("woosh.robot.count.StatusCodes")["scs"]
-    begin = 1735689600000
-    assert [(code["code"], int(code["time"]) - begin) for code in codes] == [
-        ("110201000013", 10_000),
-        ("130103000012", 30_000),
-    ]
-
-
 @pytest.mark.chassis(scenario=Scenario((parse_fault("off for=20"),)))
 def test_faults_due_at_the_start_begin_before_the_first_client(
     simulator: SimulatorThread, connect: Connect
@@ -121,6 +103,11 @@ def test_program_runs_scenario_and_fault_options(scenario: Path) -> None:
         with closing(JsonClient(port)) as client:
             assert client.refusal("woosh.robot.SetOccupancy") == "by hand"
             assert client.refusal("woosh.robot.Speak") == "not now: busy"
+            codes = client.ask("woosh.robot.count.StatusCodes")["scs"]
+    assert [code["code"] for code in codes] == ["110201000013", "130103000012"]
+    stop, lost = (int(code["time"]) - 1735689600000 for code in codes)
+    # The freeze stops the clock of the robot.
+    assert (stop, lost) == (10_000, pytest.approx(30_000 - 5_000, abs=200))
     assert log == [
         "fault begins: refuse text='by hand' type=woosh.robot.SetOccupancy",
         "fault begins: emergency_stop for=5.5",

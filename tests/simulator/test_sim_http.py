@@ -109,15 +109,6 @@ def test_body_that_does_not_fit_is_400_with_the_field(web: HttpClient) -> None:
     assert web.ask(MODE)["work"] == 2  # on the same connection
 
 
-def test_raw_push_does_not_end_a_call(web: HttpClient) -> None:
-    web.simulator.inject("delay", seconds=0.5, type=MODE)
-    web.send(MODE, {})
-    wait_until(lambda: web.simulator.counts[MODE] == 1)
-    web.simulator.send_raw('{"type": "woosh.robot.Mode", "body": {}}')
-    status, answer = web.receive()
-    assert (status, answer["ok"]) == (200, True)
-
-
 def test_chunked_bodies_credentials_and_other_content_types_are_accepted(web: HttpClient) -> None:
     chunks = iter([b'{"occ', b'upy": ', b"true}"])
     web.connection.request(
@@ -267,12 +258,3 @@ def test_other_faults_of_answers_affect_calls(web: HttpClient) -> None:
         assert fault.hits == 1
         fault.clear()
         assert web.ask(MODE)["work"] == 2
-
-
-def test_requests_that_are_no_http_are_ended_and_disturb_nobody(web: HttpClient) -> None:
-    for junk in (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + bytes(500), b"hello\r\n\r\n"):
-        with socket.create_connection(("127.0.0.1", web.simulator.port), TIMEOUT) as other:
-            other.sendall(junk)
-            while other.recv(1000):
-                pass
-    assert web.ask(MODE)["work"] == 2

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from tests.simulator.sim_wire import Json, JsonClient, pass_time
+from tests.simulator.recorded_chassis import SteppedClient
+from tests.simulator.sim_wire import Json
 
 PROC, OPERATION = "woosh.robot.TaskProc", "woosh.robot.OperationState"
 ABNORMAL, CODE = "woosh.robot.count.AbnormalCodes", "woosh.robot.count.StatusCode"
@@ -19,42 +20,38 @@ AVOIDED = "130104000031"
 GOAL = {"type": 1, "pose": {"x": 9.0, "y": 0.0}}
 
 
-# In real time at first, so that requests arrive before the obstacle does.
-pytestmark = pytest.mark.chassis(speed=1)
+@pytest.fixture
+def client() -> SteppedClient:
+    return SteppedClient()
 
 
 @pytest.fixture(autouse=True)
-def _obstacle_ahead(client: JsonClient) -> None:
+def _obstacle_ahead(client: SteppedClient) -> None:
     client.ask("woosh.robot.InitRobot", {"pose": {"x": 0.0, "y": 0.0}})
     put(client, 6.0)
     client.subscribe(PROC, OPERATION, ABNORMAL, CODE, FEEDBACKS)
 
 
-def put(client: JsonClient, x: float, radius: float = 0.3, y: float = 0.0) -> None:
-    client.simulator.call(lambda s: s.chassis.obstacles.put("box", x, y, radius))
+def put(client: SteppedClient, x: float, radius: float = 0.3, y: float = 0.0) -> None:
+    client.chassis.obstacles.put("box", x, y, radius)
 
 
-def remove(client: JsonClient) -> None:
-    client.simulator.call(lambda s: s.chassis.obstacles.remove("box"))
+def remove(client: SteppedClient) -> None:
+    client.chassis.obstacles.remove("box")
 
 
-def speed_up(client: JsonClient) -> None:
-    client.simulator.call(lambda s: setattr(s, "speed", 50.0))
-
-
-def start_task(client: JsonClient, mode: int, timeout: int = 0) -> None:
+def start_task(client: SteppedClient, mode: int, timeout: int = 0) -> None:
     """Start a task with a goal beyond the obstacle, in the given navigation mode."""
     client.ask("woosh.robot.ExecTask", GOAL)
     setting = {"type": 2, "mode": mode, "waitTimeout": timeout}
     client.ask("woosh.robot.ChangeNavMode", {"navMode": setting})
-    speed_up(client)
 
 
 def warns(proc: Json) -> bool:
     return bool(proc.get("action", {}).get("state") == ACTION_WARNING)
 
 
-def next_impeded_report(client: JsonClient) -> Json:
+def next_impeded_report(client: SteppedClient) -> Json:
     """Return the next report of an impeded task, and check that the other states agree."""
     report = client.next_push(PROC, warns)
     assert report["state"] == EXECUTING
@@ -65,14 +62,13 @@ def next_impeded_report(client: JsonClient) -> Json:
     return report
 
 
-def end_of_task(client: JsonClient) -> Json:
+def end_of_task(client: SteppedClient) -> Json:
     return client.next_push(PROC, lambda body: body["state"] in (COMPLETED, FAILED))
 
 
-def test_task_avoids_an_obstacle(client: JsonClient) -> None:
+def test_task_avoids_an_obstacle(client: SteppedClient) -> None:
     client.subscribe("woosh.robot.PoseSpeed", "woosh.robot.NavPath")
     client.ask("woosh.robot.ExecTask", GOAL)  # avoidance is the default mode
-    speed_up(client)
     nearest, corners, warnings, states, codes = math.inf, 0, 0, [], []
     while True:
         frame = client.receive()
@@ -98,17 +94,17 @@ def test_task_avoids_an_obstacle(client: JsonClient) -> None:
     assert codes.count(AVOIDED) == 1
     assert client.ask(OPERATION)["nav"] == 0
     assert client.ask(ABNORMAL)["scs"] == []
-    assert client.simulator.state.pose.distance((9.0, 0.0)) < 0.01
+    assert client.chassis.pose.distance((9.0, 0.0)) < 0.01
 
 
-def test_task_waits_until_the_obstacle_is_removed(client: JsonClient) -> None:
+def test_task_waits_until_the_obstacle_is_removed(client: SteppedClient) -> None:
     start_task(client, NARROW)
     next_impeded_report(client)
-    pass_time(client.simulator, 5.0)
-    where = client.simulator.state.pose
+    client.run(5.0)
+    where = client.chassis.pose
     assert 0.5 < 6.0 - where.x - 0.3 < 1.0
-    pass_time(client.simulator, 120.0)
-    assert client.simulator.state.pose == where
+    client.run(60.0)
+    assert client.chassis.pose == where
     assert client.ask(OPERATION)["nav"] == IMPEDE
     assert client.take_pushes(PROC) == []
     remove(client)
@@ -119,7 +115,7 @@ def test_task_waits_until_the_obstacle_is_removed(client: JsonClient) -> None:
     assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_task_replans_after_the_wait_timeout(client: JsonClient) -> None:
+def test_task_replans_after_the_wait_timeout(client: SteppedClient) -> None:
     start_task(client, TIMEOUT, timeout=20)
     since = next_impeded_report(client)["time"]
     avoided = client.next_push(CODE, lambda body: body["code"] == AVOIDED)
@@ -127,7 +123,7 @@ def test_task_replans_after_the_wait_timeout(client: JsonClient) -> None:
     assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_task_fails_after_the_wait_timeout(client: JsonClient) -> None:
+def test_task_fails_after_the_wait_timeout(client: SteppedClient) -> None:
     start_task(client, OVERTIME, timeout=10)
     since = next_impeded_report(client)["time"]
     failed = end_of_task(client)
@@ -142,7 +138,7 @@ def test_task_fails_after_the_wait_timeout(client: JsonClient) -> None:
     assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_task_waits_then_fails_if_there_is_no_way_round(client: JsonClient) -> None:
+def test_task_waits_then_fails_if_there_is_no_way_round(client: SteppedClient) -> None:
     put(client, 9.0, 0.6)  # on the goal itself
     start_task(client, AVOID)
     next_impeded_report(client)
@@ -151,12 +147,11 @@ def test_task_waits_then_fails_if_there_is_no_way_round(client: JsonClient) -> N
     assert "an obstacle stands in the way" in failed["msg"]
 
 
-def test_task_set_continues_after_its_failed_task_recovers(client: JsonClient) -> None:
+def test_task_set_continues_after_its_failed_task_recovers(client: SteppedClient) -> None:
     put(client, -2.0, 0.6, y=6.0)  # on A1
     client.ask("woosh.robot.ExecPreTask", {"taskSetId": 666})
-    speed_up(client)
     assert end_of_task(client)["state"] == FAILED
-    pass_time(client.simulator, 20.0)
+    client.run(20.0)
     assert client.take_pushes(PROC) == []
     remove(client)
     client.ask("woosh.robot.ActionOrder", {"order": 5})
@@ -167,7 +162,7 @@ def test_task_set_continues_after_its_failed_task_recovers(client: JsonClient) -
     ]
 
 
-def test_waiting_task_avoids_the_obstacle_after_a_mode_change(client: JsonClient) -> None:
+def test_waiting_task_avoids_the_obstacle_after_a_mode_change(client: SteppedClient) -> None:
     start_task(client, WAIT)
     next_impeded_report(client)
     client.ask("woosh.robot.ChangeNavMode", {"navMode": {"type": 2, "mode": AVOID}})
@@ -175,16 +170,15 @@ def test_waiting_task_avoids_the_obstacle_after_a_mode_change(client: JsonClient
     assert end_of_task(client)["state"] == COMPLETED
 
 
-def test_task_never_leaves_a_strict_path(client: JsonClient) -> None:
+def test_task_never_leaves_a_strict_path(client: SteppedClient) -> None:
     segment = {"path": {"poses": [{"x": 9.0, "y": 0.0}]}, "optimal": 9}
     client.ask("woosh.robot.ExecTask", {"type": 1, "planPath": {"planPath": [segment]}})
-    speed_up(client)
     next_impeded_report(client)
     assert end_of_task(client)["state"] == FAILED
-    assert abs(client.simulator.state.pose.y) < 0.01
+    assert abs(client.chassis.pose.y) < 0.01
 
 
-def test_paused_task_is_not_impeded(client: JsonClient) -> None:
+def test_paused_task_is_not_impeded(client: SteppedClient) -> None:
     start_task(client, WAIT)
     next_impeded_report(client)
     client.ask("woosh.robot.ActionOrder", {"order": 2})
@@ -196,18 +190,17 @@ def test_paused_task_is_not_impeded(client: JsonClient) -> None:
     assert client.next_push(OPERATION)["nav"] == 0
 
 
-def test_move_base_reports_an_obstacle_in_the_way(client: JsonClient) -> None:
+def test_move_base_reports_an_obstacle_in_the_way(client: SteppedClient) -> None:
     client.ask(CALL, {"moveBase": {"action": 1, "targetPose": {"x": 9.0}}})
     client.ask(CALL, {"navMode": {"mode": WAIT}})
     action = "woosh.ros.action.NavigationMode"
     for state in (2, 1):  # executes, succeeds
         mode = client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["action"] == action)
         assert mode["fbs"][0]["state"] == state
-    speed_up(client)
     (report,) = client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 10)["fbs"]
     assert "an obstacle stands in the way" in report["msg"]
     assert client.next_push(OPERATION)["nav"] == IMPEDE
-    pass_time(client.simulator, 20.0)
+    client.run(20.0)
     assert client.ask(OPERATION)["nav"] == IMPEDE  # it waits, as the mode says
     remove(client)
     assert client.next_push(OPERATION)["nav"] == 0
@@ -223,8 +216,7 @@ STEPS: list[tuple[Json, tuple[float, float]]] = [
 """Steps, and places of obstacles in their way."""
 
 
-def test_step_stops_before_an_obstacle(client: JsonClient) -> None:
-    speed_up(client)
+def test_step_stops_before_an_obstacle(client: SteppedClient) -> None:
     for step, place in STEPS:
         client.ask("woosh.robot.InitRobot", {"pose": {"x": 0.0, "y": 0.0}})
         put(client, place[0], y=place[1])
@@ -235,16 +227,15 @@ def test_step_stops_before_an_obstacle(client: JsonClient) -> None:
         assert "obstacle" in end["msg"]
         assert client.next_push(OPERATION)["nav"] == 0
         # It stopped before contact.
-        assert 0.5 < client.simulator.state.pose.distance(place) - 0.3 < 1.1
+        assert 0.5 < client.chassis.pose.distance(place) - 0.3 < 1.1
         remove(client)
         client.ask(CALL, {"stepControl": {"action": 1, "steps": [step]}})
         assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == 1)
 
 
-def test_step_without_avoidance_drives_until_contact(client: JsonClient) -> None:
+def test_step_without_avoidance_drives_until_contact(client: SteppedClient) -> None:
     put(client, 2.0)
     step = {"mode": 1, "value": 3.0}
     client.ask(CALL, {"stepControl": {"action": 1, "steps": [step], "avoid": 1}})
-    speed_up(client)
     assert client.next_push(FEEDBACKS, lambda body: body["fbs"][0]["state"] == -1)
-    assert 0.39 < 2.0 - 0.3 - client.simulator.state.pose.x < 0.45  # its front is 0.4 m ahead
+    assert 0.39 < 2.0 - 0.3 - client.chassis.pose.x < 0.45  # its front is 0.4 m ahead

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from google.protobuf.json_format import ParseDict
 
 from tests.simulator.sim_wire import Json, JsonClient, connected
 from tests.simulator.test_sim_uploads import (
@@ -20,10 +19,9 @@ from tests.simulator.test_sim_uploads import (
     floor_png,
     library,
 )
-from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo
 from woosh_robot_agent.simulator.refusals import REFUSALS
 
-INCREMENTAL, FULL = 0, 1
+FULL = 1
 EASY = "woosh.map.SceneDataEasy"
 Files = dict[str, bytes]
 
@@ -52,8 +50,8 @@ def download(client: JsonClient, scene: str = "") -> Files:
     return {each["name"]: base64.b64decode(each["data"]) for each in answer["body"]["fileDatas"]}
 
 
-def send_files(client: JsonClient, scene: str, files: Files, method: int = FULL) -> Json:
-    body = {"sceneName": scene, "fileDatas": file_datas(files), "method": method}
+def send_files(client: JsonClient, scene: str, files: Files) -> Json:
+    body = {"sceneName": scene, "fileDatas": file_datas(files), "method": FULL}
     return client.request("woosh.map.Upload", body)
 
 
@@ -92,26 +90,6 @@ def test_a_downloaded_scene_is_the_same_on_another_robot(
         # Nothing changes for a robot that gets its own files.
         assert send_files(client, scene, files)["ok"]
         assert download(client, scene) == files
-
-
-def test_marks_of_all_kinds_come_with_their_file(client: JsonClient, second: JsonClient) -> None:
-    info = MarkInfo(floor_name="2F")
-    info.storages.add(custom=b"x").identity.no = "S1"
-    info.storages[0].pose.dock.x = 1.5
-    info.beacons.add(id=5).point.x = 0.5
-    info.wormholes.add(token="lift").identity.no = "W1"
-    info.artags.add(id=7).pose.y = 2.0
-    client.ask("woosh.map.Upload", upload("lab", floor_yaml=NAV2, floor_png=floor_png()))
-    marks = {"floor/mark_info.data": info.SerializeToString()}
-    assert send_files(client, "lab", marks, INCREMENTAL)["ok"]
-    assert version(client, "lab", "floor") == 2
-    assert send_files(second, "copy", download(client, "lab"))["ok"]
-    for robot, scene in ((client, "lab"), (second, "copy")):
-        (area,) = robot.ask("woosh.map.SceneData", {"name": scene})["maps"]
-        found = ParseDict(area["markInfo"], MarkInfo())
-        assert found == MarkInfo.FromString(download(robot, scene)["floor/mark_info.data"])
-        info.version = 2
-        assert found == info
 
 
 def test_an_incremental_upload_keeps_the_other_files_and_a_full_one_does_not(

@@ -28,9 +28,8 @@ PATIENT_PROGRAM = [
     "sys.exit(__main__.main())",
 ]
 """The program without a limit on the time for which it serves clients after a signal."""
-READY = re.compile(
-    r"simulated chassis ready on ws://127\.0\.0\.1:(\d+) and tcp://127\.0\.0\.1:(\d+)\n"
-)
+FAULT = 6
+READY = re.compile(r"simulated chassis ready on ws://[\d.]+:(\d+) and tcp://[\d.]+:(\d+)\n")
 
 
 @contextmanager
@@ -50,9 +49,13 @@ def running(
         process.communicate()
 
 
-def test_program_runs_until_a_signal() -> None:
+def test_options_of_the_program_and_its_end_by_a_signal(tmp_path: Path) -> None:
+    walls = "[[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]"
+    (tmp_path / "scene.yaml").write_text(f"name: hall\nmaps: [{{name: ground, walls: {walls}}}]\n")
     options = ("--robot-id", "7", "--base", "differential", "--uninitialised")
-    options = (*options, "--clock-offset", "-32400")
+    options = (*options, "--clock-offset", "-32400", "--scene", str(tmp_path))
+    options = (*options, "--code-language", "none", "--fault", "emergency_stop")
+    options = (*options, "--max-frame", "1000", "--max-connections", "2", "--host", "0.0.0.0")
     with (
         running(*options) as (process, port, tcp_port),
         closing(JsonClient(port)) as client,
@@ -60,14 +63,27 @@ def test_program_runs_until_a_signal() -> None:
     ):
         assert client.ask("woosh.robot.General")["driverMethod"] == 0
         assert client.ask("woosh.robot.Mode")["robotId"] == 7
-        assert client.ask("woosh.robot.RobotState")["state"] == 1
+        assert client.ask("woosh.robot.RobotState")["state"] == FAULT
+        assert client.ask("woosh.robot.DeviceState")["software"] & 1 == 0  # not localised
         assert tcp.request("woosh.robot.Mode").ok
         robot = client.request("woosh.robot.Mode")["timestamp"] / 1000
         assert time.time() - robot == pytest.approx(9 * 3600, abs=60)
+        scene = client.ask("woosh.robot.Scene")
+        assert (scene["sceneName"], scene["mapName"]) == ("hall", "ground")
+        names = [each["name"] for each in client.ask("woosh.map.SceneList")["scenes"]]
+        assert names == ["wooshmap", "scenex", "hall"]
+        (code,) = client.ask("woosh.robot.count.AbnormalCodes")["scs"]
+        assert (code["code"], code["msg"]) == ("110201000013", "")
+        with closing(TcpClient(tcp_port)) as third, pytest.raises(ConnectionError):
+            third.request("woosh.robot.Mode")
+        client.send({"type": "woosh.robot.Mode", "body": {}, "sn": 1, "padding": "x" * 1000})
+        with pytest.raises(ConnectionClosed):
+            client.receive()
         process.send_signal(signal.SIGTERM)
-        # The clients do not disconnect.
+        # The client over TCP does not disconnect.
         out, err = process.communicate(timeout=TIMEOUT)
-        assert (process.returncode, out, err) == (0, "", "")
+        assert (process.returncode, out) == (0, "")
+        assert err.startswith("warning: everybody who can reach 0.0.0.0")
 
 
 def test_client_is_served_after_a_signal() -> None:
@@ -151,40 +167,3 @@ def test_out_of_range_options_are_refused(capsys: pytest.CaptureFixture[str]) ->
             main([option, value])
         assert exit_.value.code == 2
         assert reason in capsys.readouterr().err
-
-
-def test_program_warns_if_not_on_loopback() -> None:
-    command = [*PATIENT_PROGRAM, "--host", "0.0.0.0", "--port", "0", "--tcp-port", "0"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout
-        assert process.stdout.readline().startswith("simulated chassis ready on ws://0.0.0.0:")
-        process.send_signal(signal.SIGINT)  # without clients it ends at once
-        _, err = process.communicate(timeout=TIMEOUT)
-    assert process.returncode == 0
-    assert err.startswith("warning: everybody who can reach 0.0.0.0")
-
-
-def test_options_set_the_scene_the_language_and_the_limits(tmp_path: Path) -> None:
-    walls = "[[-9, -9, 9, -9, 9, 9, -9, 9, -9, -9]]"
-    (tmp_path / "scene.yaml").write_text(f"name: hall\nmaps: [{{name: ground, walls: {walls}}}]\n")
-    limits = ("--max-frame", "1000", "--max-connections", "1")
-    language = ("--code-language", "none", "--fault", "emergency_stop")
-    with (
-        running("--scene", str(tmp_path), *language, *limits) as (_, port, tcp_port),
-        closing(JsonClient(port)) as client,
-    ):
-        scene = client.ask("woosh.robot.Scene")
-        assert (scene["sceneName"], scene["mapName"]) == ("hall", "ground")
-        names = [each["name"] for each in client.ask("woosh.map.SceneList")["scenes"]]
-        assert names == ["wooshmap", "scenex", "hall"]
-
-        (code,) = client.ask("woosh.robot.count.AbnormalCodes")["scs"]
-        assert (code["code"], code["msg"]) == ("110201000013", "")
-
-        with closing(TcpClient(tcp_port)) as second, pytest.raises(ConnectionError):
-            second.request("woosh.robot.Mode")
-        client.send({"type": "woosh.robot.Mode", "body": {}, "sn": 1, "padding": "x" * 1000})
-        with pytest.raises(ConnectionClosed):
-            client.receive()

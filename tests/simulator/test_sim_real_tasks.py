@@ -164,7 +164,7 @@ def test_obstacle_that_stays_does_not_fail_the_task(chassis: SteppedChassis) -> 
     exec_task(chassis)
     goal = chassis.chassis.map.marks["K10"].pose
     chassis.chassis.obstacles.put("box", goal.x, goal.y)
-    chassis.run(120.0)
+    chassis.run(60.0)
     reports = [triple(frame.body) for frame in chassis.frames if frame.type == TASK_PROC]
     assert reports[-1] == ("kPaused", "kNav", "kRosWarning")
     chassis.request("woosh.robot.ActionOrder", order=CANCEL)

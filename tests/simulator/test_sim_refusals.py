@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.simulator.sim_wire import Json, JsonClient, connected, pass_time
-from woosh_robot_agent.testing import wait_until
+from tests.simulator.real_tasks import shows
+from tests.simulator.recorded_chassis import SteppedChassis, answer_to, ask, wait_frame
+from tests.simulator.sim_wire import Json
 
-CALL, CODE, PROC = "woosh.ros.CallAction", "woosh.robot.count.StatusCode", "woosh.robot.TaskProc"
+CALL, CODE = "woosh.ros.CallAction", "woosh.robot.count.StatusCode"
 EXEC_TASK, TWIST = "woosh.robot.ExecTask", "woosh.robot.Twist"
 TASK = (EXEC_TASK, {"taskId": 5, "type": 1, "markNo": "A23"})
 OTHER_TASK = (EXEC_TASK, {"taskId": 6, "type": 1, "markNo": "A2"})
@@ -19,22 +20,25 @@ EXECUTING = "Task is excuting,request failed"
 NOT_AUTO = "It is not auto mode,request failed"
 NOT_TASK_MODE = "It is not task or dispatch mode,request failed"
 NO_TWIST = "State not allow to twist"
+PARKING = 3
 
-pytestmark = pytest.mark.chassis(speed=1, profile="tr200")
-
-Prepare = Callable[[JsonClient], object]
-
-
-def emergency_stop(client: JsonClient) -> None:
-    client.simulator.inject("emergency_stop")
+Prepare = Callable[[SteppedChassis], object]
 
 
-def key_switch(client: JsonClient) -> None:
-    client.simulator.inject("key_switch")
+def emergency_stop(chassis: SteppedChassis) -> None:
+    chassis.chassis.set_emergency_stop(True)
+
+
+def key_switch(chassis: SteppedChassis) -> None:
+    chassis.chassis.set_key_switch(True)
+
+
+def lost(chassis: SteppedChassis) -> None:
+    chassis.chassis.lose_localisation()
 
 
 def asked(name: str, body: Json) -> Prepare:
-    return lambda client: client.ask(name, body)
+    return lambda chassis: ask(chassis, name, **body)
 
 
 task_runs, steps_run = asked(*TASK), asked(CALL, STEP)
@@ -54,9 +58,7 @@ CASES: dict[str, tuple[Prepare | None, str, Json, str, str | None]] = {
     "task in deployment mode": (
         asked("woosh.robot.SwitchWorkMode", {"mode": 1}), *TASK, NOT_TASK_MODE, None,
     ),
-    "task while lost": (
-        lambda client: client.simulator.inject("lost_localisation"), *TASK, FAILED, None,
-    ),
+    "task while lost": (lost, *TASK, FAILED, None),
     "task while another runs": (task_runs, *OTHER_TASK, EXECUTING, "140801000131"),
     "task set while a task runs": (
         task_runs, "woosh.robot.ExecPreTask", {"taskSetId": 666}, EXECUTING, "140801000131",
@@ -118,50 +120,44 @@ CASES: dict[str, tuple[Prepare | None, str, Json, str, str | None]] = {
 }  # fmt: skip
 
 
-def reasons(client: JsonClient) -> list[Json]:
-    """Return the pushed codes that give reasons, without those of what `prepare` did."""
-    codes = [push for push in client.pushes if push["type"] == CODE]
-    return [
-        push for push in codes if push["body"]["code"].startswith(("140801", "140701", "120301"))
-    ]
+def refusal(chassis: SteppedChassis, name: str, body: Json) -> str:
+    """Return the text of the answer to a request, which must not be ok."""
+    sn = len(chassis.raw)
+    assert answer_to(chassis, name, **body).ok is False
+    return next(frame["msg"] for frame in chassis.raw[sn:] if frame.get("sn"))
 
 
 @pytest.mark.parametrize(
     ("prepare", "name", "body", "words", "code"), list(CASES.values()), ids=list(CASES)
 )
 def test_real_robot_refuses_in_few_words_and_gives_its_reason_by_a_code(
-    client: JsonClient, prepare: Prepare | None, name: str, body: Json, words: str, code: str | None
+    real: SteppedChassis, prepare: Prepare | None, name: str, body: Json, words: str, code: str
 ) -> None:
     if prepare:
-        prepare(client)
-    client.subscribe(CODE)
-    client.pushes.clear()
-    answer = client.request(name, body)
-    assert (answer["ok"], answer["msg"], answer["body"]) == (False, words, {})
-    assert not reasons(client)  # not before the answer
-    pass_time(client.simulator, 0.2)
-    client.ask("woosh.robot.Mode")
-    given = reasons(client)
-    assert [push["body"]["code"] for push in given] == ([code] if code else [])
-    for push in given:
-        assert 0 <= push["timestamp"] - answer["timestamp"] <= 50
+        prepare(real)
+    real.run(1.0)
+    real.frames.clear()
+    assert refusal(real, name, body) == words
+    real.run(0.2)
+    answer, *given = [frame for frame in real.frames if frame.sn or frame.type == CODE]
+    assert answer.sn, "the answer comes before the code"
+    assert [frame.body["code"] for frame in given] == ([code] if code else [])
+    assert all(frame.time - answer.time <= 0.05 for frame in given)
 
 
-@pytest.mark.chassis(park_after=1.0)
-def test_own_task_of_the_robot_gives_way_only_to_another_kind(client: JsonClient) -> None:
-    # Asked for, because the push may come before a subscription.
-    wait_until(lambda: client.ask("woosh.robot.RobotState")["state"] == 3, "parking")
+def test_own_task_of_the_robot_gives_way_only_to_another_kind() -> None:
+    chassis = SteppedChassis(park_after=1.0)
+    wait_frame(chassis, shows(PARKING))
     parking = {"taskId": 7, "type": 2, "markNo": "P1"}
-    assert client.refusal(EXEC_TASK, parking) == EXECUTING
-    client.ask(*TASK)
+    assert refusal(chassis, EXEC_TASK, parking) == EXECUTING
+    ask(chassis, EXEC_TASK, **TASK[1])
 
 
 @pytest.mark.parametrize("profile", ["tr200", "instant"])
 def test_zero_velocity_is_accepted_in_every_state(profile: str) -> None:
-    with connected(profile=profile) as client:
-        client.ask(*TASK)
-        client.ask(TWIST)
-        client.simulator.inject("emergency_stop")
-        client.simulator.inject("key_switch")
-        answer = client.request(TWIST)
-        assert (answer["ok"], answer["msg"]) == (True, "Request succeed")
+    chassis = SteppedChassis(profile=profile)
+    ask(chassis, EXEC_TASK, **TASK[1])
+    ask(chassis, TWIST)
+    emergency_stop(chassis)
+    key_switch(chassis)
+    ask(chassis, TWIST)

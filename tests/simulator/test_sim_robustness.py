@@ -30,19 +30,11 @@ from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
 MIB = 1024 * 1024
-HOSTILE = {
-    "number with 4,000 digits": '{"type":"woosh.robot.Speak","sn":' + "9" * 4000 + "}",
-    "duplicate keys": '{"type":"woosh.robot.Speak","type":"woosh.Subscription",'
-    '"body":{"topics":1}}',
-    "subscription to 100,000 topics": '{"type":"woosh.Subscription","body":{"topics":['
+MANY_TOPICS = (
+    '{"type":"woosh.Subscription","body":{"topics":['
     + ",".join(['"x"'] * 100_000)
-    + '],"sub":true}}',
-    "deeply nested Any": '{"type":"woosh.dispatch.robot.RobotAnyInfo","sn":999,"body":{"info":'
-    + '{"@type":"type.googleapis.com/google.protobuf.Any","value":' * 300
-    + "{}"
-    + "}" * 300
-    + "}}",
-}
+    + '],"sub":true}}'
+)
 GARBAGE: list[str | bytes] = [
     "",
     "garbage",
@@ -104,9 +96,8 @@ def test_pushes_use_the_encoding_of_the_subscription(client: JsonClient, tcp: Tc
 
 
 def test_hostile_frames_close_no_connection(client: JsonClient, tcp: TcpClient) -> None:
-    for frame in HOSTILE.values():
-        client.send(frame)
-        client.ask(MODE)
+    client.send(MANY_TOPICS)
+    client.ask(MODE)
     answer = client.request("x" * 1_000_000)  # its refusal is short
     assert answer["ok"] is False
     assert len(answer["msg"]) < 1000

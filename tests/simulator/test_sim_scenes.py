@@ -94,24 +94,17 @@ def test_custom_scene_is_loaded_and_the_robot_starts_in_the_first_one(tmp_path: 
 
 INVALID_SCENES = [
     ("maps:", "mapps:", "scene.yaml: unknown key 'mapps'; use one of maps, name, start, tasks"),
-    ("name: ground\n", "floor: x\n", "scene.yaml: maps[0]: name is missing"),
     ("name: ground\n", "name: upstairs\n", "scene.yaml: maps[1]: name upstairs is used twice"),
     ("name: ground\n", "name: ground\n    id: 9\n", "maps[1]: id 9 is used twice"),
     ("id: 9", "id: -1", "maps[1].id: must be a whole number from 0 to 4294967295, not -1"),
     ("image: room.yaml", "image: attic.yaml", "attic.yaml"),
     ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, 3.0]", "maps[1].walls[0]: must be [x1, y1, x2, y2]"),
-    ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, .nan, 1.0]", "maps[1].walls[0][2]: must be a number"),
     ("[3.0, -1.0, 3.0, 1.0]", "[3.0, -1.0, 9.0e+9, 1.0]", "is not within 0 to 500 m"),
     ("walls: [[0, 0, 8, 0, 8, 6, 0, 6, 0, 0]]", "floor: x", "maps[0]: a map needs an image or"),
-    ("type: rack", "type: shelf", "maps[0].marks[0].type: 'shelf' is not one of base, rack,"),
     ("[4.0, 3.0, 1.5]", "[4.0, 3.0]", "marks[0].pose: must be [x, y, theta], not [4.0, 3.0]"),
-    ('"17", pose', "17, pose", "marks[1].number: must be a text, not 17; put numbers into quotes"),
     ('"17", pose', "A1, pose", "marks[1]: number A1 is used twice"),
     ("map: upstairs, pose", "map: attic, pose", "start.map: 'attic' is not one of ground"),
     ("mark: A1}]}", "mark: Z9}]}", "calls[0].steps[0].mark: no map of the scene has a mark Z9"),
-    ("type: carry", "type: fly", "steps[0].type: 'fly' is not one of pick, parking, charge, carry"),
-    ("name: lab", "name: [", "scene.yaml: not readable as YAML"),
-    (SCENE, "[]", "scene.yaml: must be a mapping of keys to values"),
     (SCENE, "maps: []", "scene.yaml: maps: has 0 entries, which is less than 1"),
 ]
 

@@ -51,26 +51,16 @@ def test_shipped_picture_matches_the_walls() -> None:
     assert not grid.known(12.3, 0.0)
 
 
-def test_laser_and_base_behave_alike_on_picture_and_walls() -> None:
+def test_base_stops_alike_before_a_picture_and_before_walls() -> None:
     walls = Chassis(quick_config(seed=1))
     cells = Chassis(quick_config(seed=1, scenes=(SHIPPED / "wooshmap" / "wooshmap.yaml",)))
-    rng = random.Random(3)
-    for _ in range(10):
-        pose = Pose(rng.uniform(-11, 11), rng.uniform(-9, 9), rng.uniform(-3, 3))
-        walls.base.place(pose)
-        cells.base.place(pose)
-        pairs = list(zip(walls.scan(), cells.scan(), strict=True))
-        # Rays that graze a wall, or pass it narrowly, may differ by more than a cell.
-        alike = sum(a == b or abs(a - b) < 0.15 for a, b in pairs)
-        assert alike > 0.9 * len(pairs)
     for heading in (1.0, -2.0):
         stops = []
         for chassis in (walls, cells):
             chassis.base.place(Pose(2.0, 3.0, heading))
-            for _ in range(500):
+            while not chassis.base.blocked:
                 execute(chassis, "woosh.robot.Twist", linear=0.8)
                 chassis.tick(TIME_STEP)
-            assert chassis.base.blocked
             stops.append(chassis.base.pose)
             chassis.base.halt()
         assert stops[0].distance(stops[1].point) < 0.2

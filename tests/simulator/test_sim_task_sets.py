@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable
 from typing import Any
 
@@ -9,14 +10,12 @@ import pytest
 from google.protobuf import json_format
 from google.protobuf.message import Message
 
-from tests.simulator.sim_wire import Json, JsonClient
+from tests.simulator.recorded_chassis import SteppedClient
+from tests.simulator.sim_wire import Json
 from woosh_robot_agent.link.protos import message_type
-from woosh_robot_agent.pb.map.map_pack_pb2 import Upload
 from woosh_robot_agent.pb.robot import robot_pb2
-from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask, TaskInfo
-from woosh_robot_agent.pb.util.common_pb2 import FileData
+from woosh_robot_agent.pb.task.woosh_task_pb2 import TaskInfo
 from woosh_robot_agent.simulator import SimulatorConfig
-from woosh_robot_agent.simulator.behaviour.jobs import Wait
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
 
@@ -24,7 +23,7 @@ REPEAT, PRE_TASK = "woosh.task.RepeatTask", "woosh.robot.ExecPreTask"
 EXEC_TASK, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"
 PROC = "woosh.robot.TaskProc"
 PUT, DELETE, EXECUTE = 1, 2, 3
-PAUSED, COMPLETED, CANCELED, FAILED = 4, 7, 8, 9
+ACTION_WAIT, COMPLETED, CANCELED, FAILED = 5, 7, 8, 9
 ENDED = (COMPLETED, CANCELED, FAILED)
 CHARGE = 3
 PAUSE, CONTINUE = 2, 3
@@ -39,18 +38,23 @@ def put(number: int, *marks: str, times: int = 0) -> Json:
     return {"order": PUT, "times": times, "taskSet": task_set(number, *marks)}
 
 
-def listed(client: JsonClient) -> dict[int, Json]:
+def listed(client: SteppedClient) -> dict[int, Json]:
     sets = client.ask("woosh.task.RepeatTasks")["repeatTasks"]
     return {each["taskSet"]["base"]["id"]: each for each in sets}
 
 
-def ended(client: JsonClient, count: int) -> list[tuple[str, int]]:
+def ended(client: SteppedClient, count: int) -> list[tuple[str, int]]:
     """Return the ids and states of the tasks that end next."""
     bodies = [client.next_push(PROC, lambda body: body["state"] in ENDED) for _ in range(count)]
     return [(body["robotTaskId"], body["state"]) for body in bodies]
 
 
-def test_added_task_set_is_kept_and_can_be_run(client: JsonClient) -> None:
+@pytest.fixture
+def client() -> SteppedClient:
+    return SteppedClient()
+
+
+def test_added_task_set_is_kept_and_can_be_run(client: SteppedClient) -> None:
     client.subscribe(PROC)
     answer = client.request(REPEAT, put(9, "A2", "K10", times=2) | {"addr": 3, "key": 4})
     assert (answer["type"], answer["ok"]) == (REPEAT, True)
@@ -65,7 +69,7 @@ def test_added_task_set_is_kept_and_can_be_run(client: JsonClient) -> None:
     assert client.take_pushes(PROC) == []
 
 
-def test_task_set_gets_an_id_is_replaced_in_its_place_and_deleted(client: JsonClient) -> None:
+def test_task_set_gets_an_id_is_replaced_in_its_place_and_deleted(client: SteppedClient) -> None:
     first = client.ask(REPEAT, put(0, "A2"))["taskSet"]["base"]["id"]
     second = client.ask(REPEAT, put(0, "K10"))["taskSet"]["base"]["id"]
     assert len({first, second, 0}) == 3
@@ -96,7 +100,7 @@ RUNS: list[tuple[Json, list[str]]] = [
 """Bodies of RepeatTask, and the ids of the tasks that they run."""
 
 
-def test_task_set_is_run_by_its_id_or_with_the_tasks_in_the_request(client: JsonClient) -> None:
+def test_task_set_is_run_by_its_id_or_with_the_tasks_in_the_request(client: SteppedClient) -> None:
     client.subscribe(PROC)
     sets = listed(client)
     for body, ids in RUNS:
@@ -104,8 +108,6 @@ def test_task_set_is_run_by_its_id_or_with_the_tasks_in_the_request(client: Json
         assert ended(client, len(ids)) == [(each, COMPLETED) for each in ids]
         assert client.take_pushes(PROC) == []
         assert listed(client) == sets
-        received = client.simulator.last(REPEAT)
-        assert received == json_format.ParseDict(body, message_type(REPEAT)())
 
 
 BAD_TASKS: dict[str, tuple[Json, str]] = {
@@ -139,7 +141,7 @@ BAD_TASKS: dict[str, tuple[Json, str]] = {
 }
 
 
-def test_invalid_task_set_is_refused_and_changes_nothing(client: JsonClient) -> None:
+def test_invalid_task_set_is_refused_and_changes_nothing(client: SteppedClient) -> None:
     before = listed(client)
     for what, (body, reason) in BAD_TASKS.items():
         assert client.refusal(REPEAT, body).startswith(reason), what
@@ -147,27 +149,23 @@ def test_invalid_task_set_is_refused_and_changes_nothing(client: JsonClient) -> 
         assert client.ask("woosh.robot.RobotState")["state"] == 2, what
 
 
-def test_number_of_task_sets_is_limited(chassis: Chassis) -> None:
-    for number in range(1, 201 - len(chassis.scene.predefined.repeat_tasks)):
-        assert ask(chassis, REPEAT, put(number, "A2")).ok
-    refused = ask(chassis, REPEAT, put(999, "A2"))
-    assert refused.msg.startswith("there are already 200 task sets")
-    assert ask(chassis, REPEAT, put(1, "K10")).ok  # replacing one is possible
+def test_number_of_task_sets_is_limited(client: SteppedClient) -> None:
+    for number in range(1, 201 - len(listed(client))):
+        client.ask(REPEAT, put(number, "A2"))
+    assert client.refusal(REPEAT, put(999, "A2")).startswith("there are already 200 task sets")
+    client.ask(REPEAT, put(1, "K10"))  # replacing one is possible
 
 
-def test_task_sets_belong_to_their_scene_and_their_robot(
-    client: JsonClient, chassis: Chassis
-) -> None:
+def test_task_sets_belong_to_their_scene_and_their_robot(client: SteppedClient) -> None:
     client.ask(REPEAT, put(9, "A2"))
     client.ask("woosh.robot.SwitchMap", {"sceneName": "scenex"})
     assert 9 not in listed(client)
     client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
     assert 9 in listed(client)
-    sets = chassis.scene.predefined.repeat_tasks
-    assert 9 not in [each.task_set.base.id for each in sets]
+    assert 9 not in listed(SteppedClient())
 
 
-def test_task_set_of_add_task_runs_once(client: JsonClient) -> None:
+def test_task_set_of_add_task_runs_once(client: SteppedClient) -> None:
     client.subscribe(PROC)
     before = listed(client)
     answer = client.request("woosh.task.AddTask", {"tset": task_set(9, "A2", "K10")})
@@ -181,21 +179,50 @@ def test_task_set_of_add_task_runs_once(client: JsonClient) -> None:
     assert "manual mode" in reason
 
 
-# Without sockets, with the delays of a real robot
+def test_robot_that_is_not_ready_says_so_before_anything_else(client: SteppedClient) -> None:
+    client.chassis.set_emergency_stop(True)
+    reason = "emergency stop is pressed: release it first"
+    assert client.refusal(EXEC_TASK, {"markNo": "Z9"}) == reason
+    assert client.refusal(PRE_TASK, {"taskSetId": 4}) == reason
+    unknown = {"order": EXECUTE, "taskSet": {"base": {"id": 4}}}
+    assert client.refusal(REPEAT, unknown) == reason
+
+
+def upload_set(client: SteppedClient, repeat: Json) -> None:
+    """Upload a task set in a file, as the robot's own tools write it."""
+    info = json_format.ParseDict({"repeatTasks": [repeat]}, TaskInfo())
+    data = base64.b64encode(info.SerializeToString()).decode()
+    client.ask("woosh.map.Upload", {"fileDatas": [{"name": "task_info.data", "data": data}]})
+
+
+def test_task_set_of_a_file_runs_at_least_once_and_needs_a_task(client: SteppedClient) -> None:
+    upload_set(client, {"taskSet": {"base": {"id": 9}}})
+    reason = "task set 9 has no tasks: put it with at least one"
+    assert client.refusal(PRE_TASK, {"taskSetId": 9}) == reason
+    tasks = [{"base": {"id": 1, "markNo": "K10", "type": 1}}]
+    upload_set(client, {"times": -2, "taskSet": {"base": {"id": 9}, "tasks": tasks}})
+    client.ask(PRE_TASK, {"taskSetId": 9})
+    assert client.chassis.tasks.proc.robot_task_id == 901
+
+
+def test_setting_the_navigation_mode_holds_up_no_waiting_task(client: SteppedClient) -> None:
+    """The action that sets the mode needs no device, and neither does the wait of the task."""
+    client.subscribe(PROC)
+    client.ask(PRE_TASK, {"taskSetId": 777})
+    client.next_push(PROC, lambda body: body["state"] == ACTION_WAIT)
+    move = {"action": 1, "targetPose": {"x": 8.0, "y": 0.0}}
+    for action in ({"moveBase": move}, {"navMode": {"mode": 3}}):
+        client.ask("woosh.ros.CallAction", action)
+    for order in (PAUSE, CONTINUE):
+        client.ask(ORDER, {"order": order})
+
+
+# With the delays of a real robot
 
 
 def ask(chassis: Chassis, name: str, body: Json) -> Answer:
     chassis.begin_request(name)
     return dispatch(chassis, json_format.ParseDict(body, message_type(name)()))
-
-
-def test_robot_that_is_not_ready_says_so_before_anything_else(chassis: Chassis) -> None:
-    chassis.set_emergency_stop(True)
-    reason = "emergency stop is pressed: release it first"
-    assert ask(chassis, EXEC_TASK, {"markNo": "Z9"}).msg == reason
-    assert ask(chassis, PRE_TASK, {"taskSetId": 4}).msg == reason
-    unknown = {"order": EXECUTE, "taskSet": {"base": {"id": 4}}}
-    assert ask(chassis, REPEAT, unknown).msg == reason
 
 
 @pytest.fixture
@@ -251,24 +278,6 @@ def test_task_set_runs_between_its_tasks_too(real: Chassis) -> None:
     run_until(real, lambda: real.tasks.proc.robot_task_id == 802)
 
 
-def upload_set(chassis: Chassis, repeat: RepeatTask) -> None:
-    """Upload a task set in a file, as the robot's own tools write it."""
-    data = TaskInfo(repeat_tasks=[repeat]).SerializeToString()
-    file = FileData(name="task_info.data", data=data)
-    assert dispatch(chassis, Upload(file_datas=[file])).ok
-
-
-def test_task_set_of_a_file_runs_at_least_once_and_needs_a_task(chassis: Chassis) -> None:
-    upload_set(chassis, RepeatTask(task_set={"base": {"id": 9}}))
-    answer = ask(chassis, PRE_TASK, {"taskSetId": 9})
-    assert (answer.ok, answer.msg) == (False, "task set 9 has no tasks: put it with at least one")
-    repeat = json_format.ParseDict(put(9, "K10", times=-2), RepeatTask())
-    repeat.task_set.tasks[0].base.id = 1
-    upload_set(chassis, repeat)
-    assert ask(chassis, PRE_TASK, {"taskSetId": 9}).ok
-    assert chassis.tasks.proc.robot_task_id == 901
-
-
 def test_task_set_goes_on_after_charging_and_leaves_the_dock_first(real: Chassis) -> None:
     real.localise(real.map.marks["C1"].pose.moved(-0.6, 0.0, 0.0))
     charge = {"base": {"id": 1, "markNo": "C1", "type": CHARGE}}
@@ -282,19 +291,3 @@ def test_task_set_goes_on_after_charging_and_leaves_the_dock_first(real: Chassis
     reports += run_until(real, lambda: real.tasks.reported.action.type == driving)
     kinds = [each.action.type for each in reports if each.robot_task_id == 802]
     assert kinds == [leaving, leaving, driving]
-
-
-def test_setting_the_navigation_mode_holds_up_no_waiting_task(chassis: Chassis) -> None:
-    """The action that sets the mode needs no device, and neither does the wait of the task."""
-    ask(chassis, PRE_TASK, {"taskSetId": 777})
-    for _ in range(10_000):
-        if isinstance(chassis.tasks.job, Wait):
-            break
-        chassis.tick(TIME_STEP)
-    move = {"action": 1, "targetPose": {"x": 8.0, "y": 0.0}}
-    for action in ({"moveBase": move}, {"navMode": {"mode": 3}}):
-        answer = ask(chassis, "woosh.ros.CallAction", action)
-        assert answer.ok, answer.msg
-    for order in (PAUSE, CONTINUE):
-        answer = ask(chassis, ORDER, {"order": order})
-        assert answer.ok, answer.msg

@@ -35,6 +35,9 @@ tasks:
 """
 
 
+SCENE_OF_ONE_HALL = b"maps: [{name: hall, walls: [[0, -9, 9, -9, 9, 9, 0, 9, 0, -9]]}]"
+
+
 def floor_png(wall_x: float = 8.0) -> bytes:
     """A floor of 20 by 20 m around the origin, with one wall across it."""
     greys = np.full((200, 200), 254, np.uint8)
@@ -85,30 +88,6 @@ def library(simulator: SimulatorThread) -> Any:
     )
 
 
-def test_laser_sees_the_uploaded_map(client: JsonClient) -> None:
-    scene = switch_map(client, switch_request("lab", floor_yaml=NAV2, floor_png=floor_png()))
-    assert (scene["sceneName"], scene["mapName"], scene["version"]) == ("lab", "floor", "1")
-    assert distance_ahead(client) == pytest.approx(8.0 - 4.0 - 0.25, abs=0.02)
-    assert list(maps(client)) == ["floor"]
-    # Uploading a new picture keeps the other files.
-    scene = switch_map(client, switch_request("lab", **{"floor/map_png": floor_png(7.0)}))
-    assert (scene["mapName"], scene["version"]) == ("floor", "2")
-    assert distance_ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
-    # Without files, the request only switches the scene.
-    client.ask("woosh.robot.SwitchMap", {"sceneName": "wooshmap"})
-    assert distance_ahead(client) == pytest.approx(12.0 - 4.0 - 0.25, abs=0.02)
-    assert switch_map(client, {"sceneName": "lab"})["version"] == "2"
-    assert distance_ahead(client) == pytest.approx(7.0 - 4.0 - 0.25, abs=0.02)
-
-
-def test_navigation_plans_on_the_uploaded_map(client: JsonClient) -> None:
-    switch_map(client, switch_request("lab", floor_yaml=NAV2, floor_png=floor_png()))
-    distance_ahead(client)
-    plan = "woosh.robot.PlanNavPath"
-    assert "no free path" in client.refusal(plan, {"end": {"x": 9.2, "y": 0.0}})  # beyond the wall
-    client.ask(plan, {"end": {"x": 0.0, "y": 3.0}})
-
-
 def test_uploaded_scene_brings_maps_marks_and_tasks(client: JsonClient) -> None:
     files = {"scene_yaml": SCENE, "floor_yaml": NAV2, "floor_png": floor_png(), "notes_txt": b"hi"}
     scene = switch_map(client, switch_request("lab", **files))
@@ -149,19 +128,11 @@ INVALID_UPLOADS: list[tuple[dict[str, bytes], str]] = [
         {"floor_yaml": NAV2, "floor_png": b"\x89PNG junk"},
         "floor.png: not readable as a PNG or PGM picture: save it",
     ),
-    ({"floor_yaml": b"image: [", "floor_png": floor_png()}, "floor.yaml: not readable as YAML"),
-    ({"floor_yaml": b"image: floor.png"}, "floor.yaml: resolution is missing"),
-    ({"scene_yaml": b"maps: 3"}, "scene.yaml: maps: must be a list"),
     ({"scene_yaml": SCENE}, "floor.yaml: the file is missing"),
     (
         {"floor_yaml": NAV2.replace(b"floor.png", b"/etc/hostname")},
         "hostname: the file is missing",
     ),
-    (
-        {"floor_yaml": NAV2.replace(b"floor.png", b"../floor.png")},
-        "./floor.png: the file is missing",
-    ),
-    ({"floor_yaml": b"x: " + b"[" * 60000}, "floor.yaml: nested more than"),
     (
         {"floor_yaml": NAV2, "floor_yml": NAV2, "floor_png": floor_png()},
         "another file has the map name floor too",
@@ -178,23 +149,6 @@ INVALID_UPLOADS: list[tuple[dict[str, bytes], str]] = [
 ]
 
 
-UNREADABLE_FILES = {
-    "mark_info.data": "not a serialised woosh.map.mark.MarkInfo",
-    "nav_area.data": "not a serialised woosh.map.field.FieldInfo",
-    "path_info.data": "not a serialised woosh.map.path.PathInfo",
-}
-
-
-def test_unreadable_files_of_a_map_are_refused(client: JsonClient) -> None:
-    described = {"scene.yaml": b"maps: [{name: hall, walls: [[0, -9, 9, -9, 9, 9, 0, 9, 0, -9]]}]"}
-    for name, reason in UNREADABLE_FILES.items():
-        for others in (described, {}):
-            files = file_datas({f"hall/{name}": b"\xff", **others})
-            request = {"sceneName": "lab", "mapName": "hall", "fileDatas": files}
-            assert reason in client.refusal("woosh.robot.SwitchMap", request)
-    client.ask("woosh.map.SceneData")
-
-
 def test_invalid_uploads_are_refused_and_change_nothing(client: JsonClient) -> None:
     before = library(client.simulator)
     for number, (files, reason) in enumerate(INVALID_UPLOADS):
@@ -203,6 +157,10 @@ def test_invalid_uploads_are_refused_and_change_nothing(client: JsonClient) -> N
         assert reason in text
         assert len(text) < 1000
         assert library(client.simulator) == before, reason
+    files = {"scene.yaml": SCENE_OF_ONE_HALL, "hall/path_info.data": b"\xff"}
+    request = {"sceneName": "new", "mapName": "hall", "fileDatas": file_datas(files)}
+    reason = "not a serialised woosh.map.path.PathInfo"
+    assert reason in client.refusal("woosh.robot.SwitchMap", request)
     twice = [{"name": "a.bin", "data": ""}, {"name": "a.bin", "data": "AA=="}]
     request = {"sceneName": "new", "fileDatas": twice}
     assert client.refusal("woosh.robot.SwitchMap", request) == "file a.bin is uploaded twice"
