@@ -208,14 +208,3 @@ def test_the_chassis_fixture_works_without_ros(tmp_path: Path) -> None:
     )
     status, said = run_pytest(tmp_path)
     assert status == 0, said
-
-
-def test_the_driver_does_not_need_pytest() -> None:
-    """The driver must not import this package either."""
-    program = (
-        "import sys, woosh_robot_agent.agent, woosh_robot_agent.ros.node\n"
-        "import woosh_robot_agent.simulator\n"
-        "found = {'pytest', 'woosh_robot_agent.testing'} & set(sys.modules)\n"
-        "sys.exit(f'loaded: {found}' if found else 0)"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
