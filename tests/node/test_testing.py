@@ -155,13 +155,19 @@ def test_domains_differ_and_the_environment_is_restored(monkeypatch: Any) -> Non
     assert variable not in os.environ
 
 
-def test_an_agent_that_a_killed_test_leaves_behind_keeps_its_domain() -> None:
+def test_an_agent_that_a_killed_test_leaves_behind_keeps_its_domain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sleeper.py").write_text("import time; time.sleep(600)")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     script = """
 import os
 from woosh_robot_agent.testing import agents
-from woosh_robot_agent.testing.agents import AgentProcess
+class Agent(agents.AgentProcess):
+    module = "sleeper"
 with agents.own_domain() as domain:
-    agent = AgentProcess(domain)
+    agent = Agent(domain)
     print(agents._LOCK_PORT + domain, agent.process.pid, flush=True)
     os._exit(1)
 """
