@@ -96,16 +96,6 @@ class TestRoundTrip:
                 assert back == message
                 assert back.SerializeToString() == message.SerializeToString()
 
-    def test_json_to_ros_at_once_and_through_protobuf(self, pair: Any):
-        """Half of the messages are short, the others as a chassis writes them."""
-        convert = converter(*pair)
-        for seed in range(ROUNDS):
-            message = random_proto(random.Random(seed), pair[1], pair[0])
-            data = json.loads(json.dumps(to_json(message, defaults=seed % 2 == 1)))
-            at_once, by_protobuf = both_ways(convert, data)
-            assert at_once[0] == "message"
-            assert at_once == by_protobuf, data
-
 
 def check_random_json_of_each_type() -> None:
     for ros_class, proto_class in PAIRS.values():
@@ -113,6 +103,7 @@ def check_random_json_of_each_type() -> None:
         at_once, by_protobuf = both_ways(
             converter(ros_class, proto_class), to_json(message, defaults=True)
         )
+        assert at_once[0] == "message"
         assert at_once == by_protobuf
 
 
@@ -131,13 +122,17 @@ def test_messages_pass_the_field_checks_of_ros():
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_any_message_with_an_unusual_value(name: str):
+def test_any_message_and_one_with_an_unusual_value(name: str):
     """JSON that is converted directly gives the same as through protobuf, refusals included."""
     convert = converter(*PAIRS[name])
-    for seed in range(3 * ROUNDS):
+    for seed in range(2 * ROUNDS):
         rng = random.Random(seed)
         message = random_proto(rng, convert.proto_class, convert.ros_class)
-        data = {"": to_json(message, defaults=rng.random() < 0.5)}
+        # short, or as a chassis writes it
+        data = {"": json.loads(json.dumps(to_json(message, defaults=rng.random() < 0.5)))}
+        at_once, by_protobuf = both_ways(convert, data[""])
+        assert at_once[0] == "message"
+        assert at_once == by_protobuf, data
         for _ in range(rng.randint(1, 3)):
             holder, key = rng.choice(places(data))
             if key in holder if isinstance(holder, dict) else key < len(holder):
