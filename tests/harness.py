@@ -458,9 +458,3 @@ class Program(AgentProcess):
         self.wait_read()
         assert status == 0, self.output
         assert "Traceback" not in self.output, self.output
-
-    def wait_refused(self) -> str:
-        """Wait for it to end with an error; return its output."""
-        assert self.process.wait(TIMEOUT) not in (0, None)
-        self.wait_read()
-        return self.output

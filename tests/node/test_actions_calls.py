@@ -51,18 +51,6 @@ def running(client: Client, value: float = 500.0) -> GoalClient:
     return goal
 
 
-def test_an_action_succeeds_with_feedback(robot: Robot) -> None:
-    """test_documented_commands.py has the other actions."""
-    goal = step(robot, 0.3)
-    status, ret = goal.result()
-    assert (status, ret.state.value) == (SUCCEEDED, 1)
-    assert ret.action == STEP
-    assert ret.msg
-    goal.feedback.wait(lambda fb: fb.state.value == 1)
-    assert goal.feedback.messages[-1].state.value == 1
-    assert 2 in [fb.state.value for fb in goal.feedback.messages]
-
-
 @pytest.mark.parametrize(("state", "status"), [(1, SUCCEEDED), (-1, ABORTED), (5, ABORTED)])
 def test_goal_ends_with_the_state_and_text_of_the_chassis(
     robot: Robot, state: int, status: int

@@ -8,6 +8,7 @@ import pytest
 
 from tests.harness import GoalClient, Robot, wait_until
 from tests.node.goals import (
+    ACTION,
     ACTION_ORDER,
     CANCELED,
     COMPLETED,
@@ -95,17 +96,13 @@ def test_newer_goal_replaces_an_older_one(robot: Robot, kind: Kind) -> None:
     assert robot.chassis.counts["woosh.robot.ActionOrder"] == 0
 
 
-@each_kind
-def test_refused_newer_goal_does_not_replace_the_older_one(robot: Robot, kind: Kind) -> None:
+def test_refused_newer_action_does_not_replace_the_older_one(robot: Robot) -> None:
+    """tasks/test_special_cases.py has the same for tasks."""
     slow_down(robot.chassis)
-    old = until(task(robot) if kind is TASK else step(robot, 5.0), kind.runs)
-    if kind is TASK:
-        refused, reason = task(robot, mark="nowhere"), "nowhere"
-    else:
-        goal = step_goal(1.0)
-        goal.arg.steps[0].mode.value = 9
-        refused, reason = robot.send_goal(StepControl, "ros/StepControl", goal), "mode"
-    refused.wait_aborted(reason)
+    old = until(step(robot, 5.0), ACTION.runs)
+    goal = step_goal(1.0)
+    goal.arg.steps[0].mode.value = 9
+    robot.send_goal(StepControl, "ros/StepControl", goal).wait_aborted("mode")
     hurry(robot.chassis)
     assert old.result()[0] == SUCCEEDED
 

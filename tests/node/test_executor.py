@@ -224,14 +224,6 @@ def test_a_flood_for_an_urgent_entity_holds_up_no_other(rig: Rig) -> None:
 # Which entities are in use
 
 
-def test_entities_that_are_no_longer_used_become_idle_and_still_run(rig: Rig) -> None:
-    makes = [rig.subscription(f"topic_{number}") for number in range(60)]
-    for _ in range(3):
-        rig.use(*makes)
-    makes[0]()
-    assert rig.spin(1) == ["topic_0"]
-
-
 def test_a_defect_of_the_second_thread_is_logged_and_nothing_is_lost(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Any
 
 import pytest
 
-from tests.harness import TIMEOUT, Client, Logs, RunningAgent, wait_future, wait_until
+from tests.harness import TIMEOUT, Client, Logs, Robot, wait_future, wait_until
 from tests.node.goals import CALL_ACTION, SUCCEEDED, step
 from woosh_robot_agent.ros.actions import server
 from woosh_robot_agent.ros.actions.run import STOPPING
@@ -14,15 +14,18 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_msgs.srv import Mode
 
 
+@pytest.fixture(scope="module")
+def shared_parameters() -> dict[str, Any]:
+    return {"result_timeout": 3}
+
+
 @pytest.fixture
-def agent(connect: Callable[..., RunningAgent]) -> RunningAgent:
-    return connect(result_timeout=3)
+def client(shared_robot: Robot) -> Robot:
+    """A client of the agent that the tests of this file share."""
+    return shared_robot
 
 
-pytestmark = pytest.mark.usefixtures("agent")
-
-
-def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> None:
+def test_result_is_kept_for_late_clients_until_the_timeout(client: Robot) -> None:
     goal = step(client, 0.2)
     assert goal.result()[0] == SUCCEEDED
 
@@ -34,7 +37,7 @@ def test_result_is_kept_for_late_clients_until_the_timeout(client: Client) -> No
     assert step(client, 0.2).result()[0] == SUCCEEDED
 
 
-def test_only_the_last_results_are_kept(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_the_last_results_are_kept(client: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each status message lists all goals that are kept, so a flood of goals would take longer."""
     monkeypatch.setattr(server, "_MAX_RESULTS", 1)
     first = step(client, 0.2)
@@ -46,11 +49,11 @@ def test_only_the_last_results_are_kept(client: Client, monkeypatch: pytest.Monk
 
 
 def test_other_clients_are_served_after_one_vanishes(
-    client: Client, simulator: SimulatorThread, domain: int, logs: Logs
+    client: Robot, simulator: SimulatorThread, logs: Logs
 ) -> None:
     """Clients leave while goals are running and responses are pending."""
     simulator.delay("woosh.robot.Mode", 0.2)
-    gone = Client(domain)
+    gone = Client(client.agent.domain)
     step(gone, 3.0)
     gone.call_async(Mode, "robot/Mode")
     gone.close()
@@ -60,9 +63,7 @@ def test_other_clients_are_served_after_one_vanishes(
     assert not [record for record in logs.messages if record.levelname == "ERROR"]
 
 
-def test_goal_during_shutdown_is_aborted(
-    agent: RunningAgent, client: Client, simulator: SimulatorThread
-) -> None:
-    agent.agent.robot.thread.run(agent.agent.actions.stop(), TIMEOUT)
-    assert step(client, 0.2).wait_aborted().msg == STOPPING
-    assert simulator.counts[CALL_ACTION] == 0
+def test_goal_during_shutdown_is_aborted(robot: Robot) -> None:
+    robot.agent.agent.robot.thread.run(robot.agent.agent.actions.stop(), TIMEOUT)
+    assert step(robot, 0.2).wait_aborted().msg == STOPPING
+    assert robot.chassis.counts[CALL_ACTION] == 0

@@ -202,10 +202,8 @@ def alone(name: str) -> Iterator[Body]:
             yield body_with(path, next(turns[kind]))
 
 
-@pytest.mark.parametrize("part", range(2))
-def test_no_value_in_a_push_does_harm(part: int, rig: Rig, logs: Logs):
-    """In two parts, which can run at the same time."""
-    for name in PUSHES[part::2]:
+def test_no_value_in_a_push_does_harm(rig: Rig, logs: Logs):
+    for name in PUSHES:
         bad = rig.link.stats.bad_frames["body"]
         rig.push(name, *extremes(name), *alone(name))
         assert rig.link.stats.bad_frames["body"] > bad
@@ -224,16 +222,17 @@ def test_no_value_in_robot_info_does_harm(rig: Rig, logs: Logs):
     rig.check_topics()
 
 
-@pytest.mark.parametrize("name", [SCANNER, SCENE_DATA])
-def test_no_value_in_an_answer_does_harm(name: str, rig: Rig, logs: Logs):
+def test_no_value_in_an_answer_does_harm(rig: Rig, logs: Logs):
     """The agent requests scans and maps by itself."""
-    for number, body in enumerate((*alone(name), *extremes(name))):
-        rig.chassis.keep(name, merged(GOOD[name], body))
-        requests = rig.chassis.count(name)
-        if name == SCENE_DATA:
-            rig.push(SCENE, {"sceneName": "s", "mapName": "m", "mapId": 1, "version": number})
-        rig.chassis.wait_request(name, requests + (2 if name == SCANNER else 1))
-        rig.settle()
+    for name in (SCANNER, SCENE_DATA):
+        for number, body in enumerate((*alone(name), *extremes(name))):
+            rig.chassis.keep(name, merged(GOOD[name], body))
+            requests = rig.chassis.count(name)
+            if name == SCENE_DATA:
+                scene = {"sceneName": "s", "mapName": "m", "mapId": 1, "version": number}
+                rig.push(SCENE, scene)
+            rig.chassis.wait_request(name, requests + (2 if name == SCANNER else 1))
+            rig.settle()
     check_log(logs)
     rig.check_topics()
 

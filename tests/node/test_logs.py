@@ -1,4 +1,7 @@
-"""Log records in the ROS log, and their format."""
+"""Log records in the ROS log, and their format.
+
+fleet/test_fleet.py has the loggers of several robots.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import pytest
 from rclpy.logging import LoggingSeverity, get_logger
 
 from woosh_robot_agent.ros import rclpy_private
-from woosh_robot_agent.ros.logs import RosLogHandler, context_of, log_as, log_to_ros
+from woosh_robot_agent.ros.logs import RosLogHandler, context_of, log_to_ros
 
 
 @pytest.fixture
@@ -55,23 +58,6 @@ def test_a_message_is_one_line_of_bounded_length_and_a_traceback_is_whole(
     assert severity == "ERROR"
     assert text.startswith("failed\nTraceback (most recent call last):\n")
     assert text.endswith("ZeroDivisionError: once")
-
-
-def test_each_context_has_its_logger_and_a_line_comes_once(lines: list[Any]) -> None:
-    log_to_ros()
-    log_to_ros()
-    logger = logging.getLogger("woosh_robot_agent.a_test")
-    one, other = get_logger("one"), get_logger("other")
-    context = context_of(one)
-    context.run(logger.info, "1")
-    context_of(other).run(logger.info, "2")
-    context.run(log_as, other)
-    context.run(logger.info, "3")
-    assert [line[:3] for line in lines] == [
-        ("INFO", "one", "1"),
-        ("INFO", "other", "2"),
-        ("INFO", "other", "3"),
-    ]
 
 
 def test_a_line_says_where_in_the_source_it_comes_from(

@@ -49,16 +49,7 @@ def at(simulator: SimulatorThread, x: float, y: float, yaw: float) -> bool:
 
 
 class TestInitialpose:
-    def test_it_sets_the_pose_and_a_refusal_is_logged(self, simulator, sender, logs):
-        sender.initialpose(1.0, 1.5, 2.0)
-        wait_until(lambda: at(simulator, 1.0, 1.5, 2.0))
-        sender.initialpose(500.0, 0.0, 0.0)
-        logs.wait_text("refused initialpose", level="ERROR")
-        replace_answers(simulator, SET_POSE, ok=False, msg="")
-        sender.initialpose(1.0, 1.5, 2.0)
-        logs.wait_text(": refused without a reason", level="ERROR")
-
-    def test_a_pose_that_is_none_is_logged(self, simulator, sender, logs):
+    def test_it_sets_the_pose_and_what_is_wrong_is_logged(self, simulator, sender, logs):
         message = PoseWithCovarianceStamped()
         message.header.frame_id = "map"
         orientation = message.pose.pose.orientation
@@ -74,6 +65,13 @@ class TestInitialpose:
         sender.initialpose(1.0, 1.5, 0.0, frame="odom")
         logs.wait_text("set the fixed frame to map", level="ERROR")
         assert simulator.counts[SET_POSE] == 0
+        sender.initialpose(1.0, 1.5, 2.0)
+        wait_until(lambda: at(simulator, 1.0, 1.5, 2.0))
+        sender.initialpose(500.0, 0.0, 0.0)
+        logs.wait_text("refused initialpose", level="ERROR")
+        replace_answers(simulator, SET_POSE, ok=False, msg="")
+        sender.initialpose(1.0, 1.5, 2.0)
+        logs.wait_text(": refused without a reason", level="ERROR")
 
 
 class TestGoalPose:
@@ -81,20 +79,16 @@ class TestGoalPose:
     def statuses(self, client) -> Any:
         return client.echo(GoalStatusArray, "ros/MoveBase/_action/status")
 
-    def test_it_drives_there_and_the_reason_of_a_failure_is_logged(self, simulator, sender, logs):
-        sender.goal_pose(5.0, -6.8, 0.5)
-        wait_until(lambda: at(simulator, 5.0, -6.8, 0.5))
-        logs.wait(lambda r: r.getMessage() == "goal_pose was reached")
-        sender.goal_pose(500.0, 0.0, 0.0)
-        logs.wait(lambda r: r.getMessage().startswith("goal_pose was not reached: "))
-
-    def test_the_next_goal_replaces_it(self, simulator, sender, statuses):
+    def test_it_drives_there_and_the_next_goal_replaces_it(self, simulator, sender, statuses, logs):
         sender.goal_pose(-8.0, 8.0, 0.5)
         simulator.wait_received(CALL_ACTION)
         sender.goal_pose(5.0, -6.8, 0.5)
         wait_until(lambda: at(simulator, 5.0, -6.8, 0.5))
         ended = {GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_SUCCEEDED}
         statuses.wait(lambda m: {s.status for s in m.status_list} == ended)
+        logs.wait(lambda r: r.getMessage() == "goal_pose was reached")
+        sender.goal_pose(500.0, 0.0, 0.0)
+        logs.wait(lambda r: r.getMessage().startswith("goal_pose was not reached: no "))
 
     def test_cancel_ends_it(self, simulator, sender, client, statuses):
         assert not client.call(Trigger, "cancel").success

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.harness import wait_future
+from tests.harness import Logs, Robot, wait_future
 from tests.node.goals import answer_with_json, replace_answers
 from woosh_common_msgs.msg import FileData
 from woosh_map_msgs.msg import Download as DownloadMsg
@@ -26,28 +26,34 @@ SPEAK = "woosh.robot.Speak"
 NAV_PATH = "woosh.robot.NavPath"
 
 
+@pytest.fixture
+def robot(shared_robot: Robot) -> Robot:
+    """A client of the agent that tests of this file share, and its new chassis."""
+    return shared_robot
+
+
 def speak(client: Any, text: str) -> Any:
     return client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
 
 
-def test_a_slow_call_holds_up_no_other(simulator, agent, client):
-    simulator.mute(SPEAK)
-    slow = speak(client, "slow")
-    simulator.wait_received(SPEAK)
-    assert client.call(SwitchControlMode, "robot/SwitchControlMode") is not None
-    assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
-    simulator.accept(SPEAK)
-    assert wait_future(speak(client, "quick")).ok  # even a call of the same service
+def test_a_slow_call_holds_up_no_other(robot: Robot) -> None:
+    robot.chassis.mute(SPEAK)
+    slow = speak(robot, "slow")
+    robot.chassis.wait_received(SPEAK)
+    assert robot.call(SwitchControlMode, "robot/SwitchControlMode") is not None
+    assert robot.call(Mode, "robot/Mode").info.ctrl.value == 1
+    robot.chassis.accept(SPEAK)
+    assert wait_future(speak(robot, "quick")).ok  # even a call of the same service
     assert not slow.done()
-    simulator.drop()
+    robot.chassis.drop()
     assert not wait_future(slow).ok
 
 
-def test_large_values_are_sent_aside_even_the_last_known_one(simulator, agent, client, monkeypatch):
+def test_large_values_are_sent_aside_even_the_last_known_one(robot: Robot, monkeypatch) -> None:
     path = NavPathProto()
     for number in range(3000):
         path.path.poses.add(x=number / 100.0)
-    remove = simulator.intercept(
+    remove = robot.chassis.intercept(
         lambda out: [replace(out, body=path) if out.request == NAV_PATH else out]
     )
     threads: set[str] = set()
@@ -58,30 +64,30 @@ def test_large_values_are_sent_aside_even_the_last_known_one(simulator, agent, c
         send(reply, response)
 
     monkeypatch.setattr(Reply, "send", noted)
-    assert len(client.call(NavPath, "robot/NavPath").nav_path.path.poses) == 3000
+    assert len(robot.call(NavPath, "robot/NavPath").nav_path.path.poses) == 3000
     remove()
-    simulator.refuse(NAV_PATH, "no")
-    calls = [client.call_async(NavPath, "robot/NavPath") for _ in range(5)]
+    robot.chassis.refuse(NAV_PATH, "no")
+    calls = [robot.call_async(NavPath, "robot/NavPath") for _ in range(5)]
     assert [len(wait_future(call).nav_path.path.poses) for call in calls] == 5 * [3000]
     assert threads == {"large messages_0"}
 
 
-def test_text_that_ros_cannot_encode_does_not_lose_the_answer(simulator, agent, client):
+def test_text_that_ros_cannot_encode_does_not_lose_the_answer(robot: Robot) -> None:
     """A JSON string may contain a lone surrogate, which has no UTF-8 encoding."""
-    answer_with_json(simulator, SPEAK, msg="a\ud800b")
-    response = wait_future(speak(client, "x"))
+    answer_with_json(robot.chassis, SPEAK, msg="a\ud800b")
+    response = wait_future(speak(robot, "x"))
     assert response.ok
     assert (response.msg[0], response.msg[-1]) == ("a", "b")
-    assert client.call(General, "robot/General").info.serial_number == 30001
+    assert robot.call(General, "robot/General").info.serial_number == 30001
 
 
-def test_an_exception_in_a_callback_is_answered(agent, client, logs, monkeypatch):
+def test_an_exception_in_a_callback_is_answered(robot: Robot, logs: Logs, monkeypatch) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(agent.agent.robot.requests, "make", lambda *_: 1 / 0)
-        response = client.call(SetSound, "setting/Sound")
+        patch.setattr(robot.agent.agent.robot.requests, "make", lambda *_: 1 / 0)
+        response = robot.call(SetSound, "setting/Sound")
     assert not response.ok
     assert "ZeroDivisionError" in response.msg
-    assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+    assert robot.call(Mode, "robot/Mode").info.ctrl.value == 1
     assert [record.levelname for record in logs.messages if record.exc_info] == ["ERROR"]
 
 
@@ -111,27 +117,29 @@ DOWNLOAD, UPLOAD = "woosh.map.Download", "woosh.map.Upload"
 
 
 @pytest.mark.timeout(300)
-def test_a_large_map_is_downloaded_and_uploaded_unchanged(simulator, agent, client):
+def test_a_large_map_is_downloaded_and_uploaded_unchanged(robot: Robot) -> None:
     """And holds up no other request; tests/link has the other transports and encodings."""
     data = random.Random(1).randbytes(12 * 1024 * 1024)
     scene = DownloadResponse()
     scene.file_datas.add(name="map.png", data=data)
     scene.file_datas.add(name="marks.json", data=b"{}")
-    replace_answers(simulator, DOWNLOAD, ok=True, msg="", type=f"{DOWNLOAD}Response", body=scene)
-    download = client.call_async(Download, "map/Download", arg=DownloadMsg(scene_name="hall"))
-    assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+    replace_answers(
+        robot.chassis, DOWNLOAD, ok=True, msg="", type=f"{DOWNLOAD}Response", body=scene
+    )
+    download = robot.call_async(Download, "map/Download", arg=DownloadMsg(scene_name="hall"))
+    assert robot.call(Mode, "robot/Mode").info.ctrl.value == 1
     response = wait_future(download)
     assert response.ok, response.msg
     assert [file.name for file in response.ret.file_datas] == ["map.png", "marks.json"]
     assert response.ret.file_datas[0].data.tobytes() == data
     assert response.ret.file_datas[1].data.tobytes() == b"{}"
 
-    replace_answers(simulator, UPLOAD, ok=True, msg="", type=UPLOAD, body=None)
+    replace_answers(robot.chassis, UPLOAD, ok=True, msg="", type=UPLOAD, body=None)
     files = [FileData(name="map.png", data=array("B", data))]
-    upload = client.call_async(
+    upload = robot.call_async(
         Upload, "map/Upload", arg=UploadMsg(scene_name="hall", file_datas=files)
     )
-    assert client.call(Mode, "robot/Mode").info.ctrl.value == 1
+    assert robot.call(Mode, "robot/Mode").info.ctrl.value == 1
     response = wait_future(upload)
     assert response.ok, response.msg
-    assert simulator.last(UPLOAD).file_datas[0].data == data
+    assert robot.chassis.last(UPLOAD).file_datas[0].data == data

@@ -9,13 +9,14 @@ import pytest
 
 from tests.convert.random_messages import blank
 from tests.convert.type_pairs import field_class
-from tests.harness import RunningAgent, wait_until
+from tests.harness import Client, Logs, Robot, RunningAgent, wait_until
 from tests.node.goals import answer_with_json
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotState
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.msg import TaskProc
 from woosh_robot_msgs.srv import Battery as BatterySrv
@@ -38,6 +39,12 @@ def hasty(simulator: Any, start_agent: Any) -> RunningAgent:
     return agent
 
 
+@pytest.fixture
+def robot(shared_robot: Robot) -> Robot:
+    """A client of the agent that tests of this file share, and its new chassis."""
+    return shared_robot
+
+
 def ask(client: Any, query: Any) -> Any:
     """Call a query; return the only field of its response."""
     response = client.call(class_of(query.srv, "srv"), query.name)
@@ -49,7 +56,7 @@ def known(agent: RunningAgent, name: str) -> Any:
     return agent.agent.robot.last_known.get(name)
 
 
-def test_an_answer_does_not_replace_a_newer_push(simulator, agent, client):
+def test_an_answer_does_not_replace_a_newer_push(robot: Robot) -> None:
     """A push that the chassis sends right after the answer is newer, also in a burst of frames."""
     before = [Outgoing("woosh.robot.RobotState", RobotState(state=2))] * 3
 
@@ -58,30 +65,30 @@ def test_an_answer_does_not_replace_a_newer_push(simulator, agent, client):
             return [out]
         return [*before, replace(out, body=Battery(power=1)), Outgoing(BATTERY, Battery(power=2))]
 
-    simulator.intercept(answer)
+    robot.chassis.intercept(answer)
     for _ in range(10):
-        assert client.call(BatterySrv, "robot/Battery").info.power == 1
-        client.call(RobotStateSrv, "robot/RobotState")  # until then, the push has arrived
-        assert known(agent, BATTERY).power == 2
+        assert robot.call(BatterySrv, "robot/Battery").info.power == 1
+        robot.call(RobotStateSrv, "robot/RobotState")  # until then, the push has arrived
+        assert known(robot.agent, BATTERY).power == 2
 
 
-def test_each_call_asks_the_chassis(simulator, agent, client):
+def test_each_call_asks_the_chassis(robot: Robot) -> None:
     answers = {}
 
     def see(frame: Any) -> Any:
         answers[frame.request] = frame.body
         return [frame]
 
-    simulator.intercept(see)
+    robot.chassis.intercept(see)
     for query in QUERIES:
         cls = field_class(class_of(query.srv, "srv").Response)
         pack = converter(cls, message_type(query.request)).to_proto
-        asked = simulator.counts[query.request]
+        asked = robot.chassis.counts[query.request]
         for count in (1, 2):
-            assert pack(ask(client, query)) == answers[query.request], query.name
-            assert simulator.counts[query.request] == asked + count, query.name
-    client.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(robot_task_id=17, dest="A2"))
-    sent = simulator.last("woosh.robot.TaskProc")
+            assert pack(ask(robot, query)) == answers[query.request], query.name
+            assert robot.chassis.counts[query.request] == asked + count, query.name
+    robot.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(robot_task_id=17, dest="A2"))
+    sent = robot.chassis.last("woosh.robot.TaskProc")
     assert (sent.robot_task_id, sent.dest) == (17, "A2"), "the only query with an argument"
 
 
@@ -129,24 +136,21 @@ BAD_ANSWERS = {
         "the answer cannot be read: woosh.robot.Battery: power",
     ),
 }
-"""Functions that let the chassis answer badly, and what the log then says."""
+"""Functions that let the chassis answer badly, and what the log then says.
+
+The last one cannot be undone."""
 
 
-@pytest.mark.parametrize(("spoil", "why"), BAD_ANSWERS.values(), ids=BAD_ANSWERS)
-def test_a_bad_answer_gives_the_last_known_value(spoil, why, simulator, hasty, client, logs):
+def test_a_bad_answer_gives_the_last_known_value_and_is_logged_again_after_a_good_one(
+    simulator: SimulatorThread, hasty: RunningAgent, client: Client, logs: Logs
+) -> None:
     good = client.call(BatterySrv, "robot/Battery").info
     assert good.power > 0
-    spoil(simulator)
-    for _ in range(2):
-        assert client.call(BatterySrv, "robot/Battery").info == good
-    told = [record for record in logs.with_text(FALLBACK) if why in record.getMessage()]
-    assert [record.levelname for record in told] == ["WARNING", "DEBUG"]
-
-
-def test_a_new_failure_is_logged_after_a_recovery(simulator, agent, client, logs):
-    for _ in range(2):
-        simulator.refuse(BATTERY, "no")
-        client.call(BatterySrv, "robot/Battery")
+    for spoil, why in BAD_ANSWERS.values():
+        spoil(simulator)
+        for _ in range(2):
+            assert client.call(BatterySrv, "robot/Battery").info == good
+        told = [record for record in logs.with_text(FALLBACK) if why in record.getMessage()]
+        assert [record.levelname for record in told] == ["WARNING", "DEBUG"]
         simulator.accept(BATTERY)
         client.call(BatterySrv, "robot/Battery")
-    assert [record.levelname for record in logs.with_text(FALLBACK)] == ["WARNING"] * 2

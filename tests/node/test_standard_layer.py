@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -113,6 +113,10 @@ def test_a_part_that_failed_runs_again(
 
 def test_stamps_follow_the_parameter_use_sim_time(connect, client):
     connect(use_sim_time=True)
+    arrays = client.echo_with(DiagnosticArray, "/diagnostics", QoSProfile(depth=10))
+    (status,) = [each for each in arrays.wait_count(1)[0].status if each.name.endswith(": clock")]
+    assert status.level >= DiagnosticStatus.WARN
+    assert "no time has come on /clock" in status.message
     clock = client.publisher(Clock, "/clock")
     now = Clock(clock=Time(sec=100))
     # a message is lost if the agent has not discovered the publisher yet

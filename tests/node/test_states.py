@@ -44,7 +44,7 @@ OK, WARN, ERROR, STALE = (
 )
 
 
-def test_battery_state_shows_the_battery(simulator, agent, client):
+def test_battery_state_plan_and_footprint(simulator, agent, client):
     states = client.echo(BatteryState, "battery_state")
     first = states.wait_count(1)[0]
     assert first.percentage == pytest.approx(0.93)
@@ -56,23 +56,18 @@ def test_battery_state_shows_the_battery(simulator, agent, client):
     last = states.wait(lambda m: m.power_supply_status == charging)
     assert last.percentage == pytest.approx(0.4)
 
-
-def test_plan_ends_where_the_task_ends(simulator, agent, client):
     plans = client.echo(Path, "plan")
     assert not plans.wait_count(1)[0].poses, "the first one is empty"
     goal = short_task(client, 1.0)
     plan = plans.wait(lambda m: len(m.poses) > 1)
-    assert plan.header.frame_id == "map"
     end = plan.poses[-1]
-    assert end.header.frame_id == "map"
+    assert (plan.header.frame_id, end.header.frame_id) == ("map", "map")
     assert goal.result()[0]
     pose = simulator.state.pose
     at = end.pose.position
     assert (at.x, at.y) == pytest.approx((pose.x, pose.y), abs=0.02)
     wait_until(lambda: not plans.messages[-1].poses, "the end of the path")
 
-
-def test_footprint_follows_a_change_of_its_type_and_is_repeated(simulator, agent, client):
     footprints = client.echo(PolygonStamped, "footprint")
     first = footprints.wait_count(1)[0]
     assert first.header.frame_id == "base_link"
@@ -196,8 +191,11 @@ def values(status: Any) -> dict[str, str]:
 
 
 class TestDiagnostics:
-    def test_a_ready_robot_is_ok(self, simulator, agent, client):
-        array = diagnostics(client).wait_count(1)[0]
+    def test_a_ready_robot_what_keeps_it_from_tasks_and_faulty_devices(
+        self, simulator, agent, client
+    ):
+        arrays = diagnostics(client)
+        array = arrays.wait_count(1)[0]
         names = ["link", "chassis", "battery", "hardware", "abnormal codes", "motion", "clock"]
         names.append("agents")
         assert [s.name.rpartition(": ")[2] for s in array.status] == names
@@ -211,14 +209,6 @@ class TestDiagnostics:
         assert values(of(array, "chassis"))["taskable"] == "yes"
         assert values(of(array, "battery"))["percent"] == "93"
 
-    def test_a_lack_of_simulated_time_is_a_warning(self, connect, client):
-        connect(use_sim_time=True)
-        clock = of(diagnostics(client).wait_count(1)[0], "clock")
-        assert clock.level >= WARN
-        assert "no time has come on /clock" in clock.message
-
-    def test_what_keeps_the_robot_from_tasks_and_faulty_devices(self, simulator, agent, client):
-        arrays = diagnostics(client)
         simulator.push(TaskProc(robot_task_id=7, type=task.kPick, state=task.kExecuting))
         array = arrays.wait(lambda a: values(of(a, "chassis"))["taskable"] == "no")
         assert of(array, "chassis").level == OK  # it is what the robot is for

@@ -42,6 +42,7 @@ def is_standing(simulator: SimulatorThread) -> bool:
 
 def test_stop_ends_a_velocity_and_every_goal(robot: Robot):
     robot.set_motion_timing(hold=0.0)
+    slow_down(robot.chassis)  # so that no goal ends by itself
     assert robot.command("robot/Twist", angular=0.5).ok
     answer = robot.call(Trigger, "stop")
     assert (answer.success, answer.message) == (True, "stopped")
@@ -83,7 +84,7 @@ def test_a_cancel_and_a_stop_are_sent_even_when_too_many_requests_are_in_flight(
     assert client.call(Trigger, "stop").success
 
 
-@pytest.mark.parametrize("turn", range(3))
+@pytest.mark.parametrize("turn", range(2))
 def test_a_goal_requested_before_the_stop_does_not_move_the_robot(robot: Robot, turn: int):
     """The goal may arrive before or after the stop."""
     robot.set_motion_timing(hold=3600.0)  # however slow the machine is

@@ -26,7 +26,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.ros.qos import latched
-from woosh_robot_agent.tools.monitor.program import print_once
+from woosh_robot_agent.tools.monitor.program import main, print_once
 from woosh_robot_agent.tools.monitor.ros_source import RosSource
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
 from woosh_robot_agent.tools.ros_node import NodeThread
@@ -82,7 +82,9 @@ def watching(domain: int) -> Iterator[Watching]:
         yield running
 
 
-def test_first_values_and_changes_are_shown(watching, agent, simulator):
+def test_first_values_changes_and_the_progress_of_an_action_are_shown(
+    watching, agent, client, simulator
+):
     watching.wait_complete()
     truth = simulator.state.info
     shown = watching.ask(lambda view: (view.info.mode, view.info.pose_speed.pose, view.info.genral))
@@ -99,9 +101,6 @@ def test_first_values_and_changes_are_shown(watching, agent, simulator):
     of_the_agent = {"woosh.robot.NavPath"}  # requested by the agent itself
     assert asked - of_the_agent == {"woosh.Subscription", "woosh.robot.RobotInfo"}
 
-
-def test_progress_of_an_action_is_shown(watching, agent, client):
-    watching.wait_complete()
     agent_topic = client.path("ros/StepControl/_action/feedback")
     wait_until(lambda: agent.agent.node.count_subscribers(agent_topic) > 0, "the monitor")
     ends = []
@@ -185,33 +184,33 @@ def test_once_works_with_an_agent_that_does_not_publish_connected(watching, conn
     assert status == 0
 
 
-def run_once(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the program with `--once` and these arguments."""
-    return subprocess.run(
-        [*PROGRAM, "--once", *arguments],
+def test_once_prints_the_state(domain: int, agent: Any, simulator: Any) -> None:
+    done = subprocess.run(
+        [*PROGRAM, "--once", "--timeout", str(TIMEOUT)]
+        + ["--namespace", "/else", "--ros-args", "-r", f"__ns:={NAMESPACE}"],
         capture_output=True,
         text=True,
         timeout=3 * TIMEOUT,
         env={**os.environ, "ROS_DOMAIN_ID": str(domain), "COLUMNS": "200"},
     )
-
-
-def test_once_prints_the_state(domain: int, agent: Any, simulator: Any) -> None:
-    arguments = ["--namespace", "/else", "--ros-args", "-r", f"__ns:={NAMESPACE}"]
-    done = run_once(domain, "--timeout", str(TIMEOUT), *arguments)
     assert (done.returncode, done.stderr) == (0, "")
     assert "robot at /woosh_robot" in done.stdout
     assert "would be accepted" in done.stdout
     assert f"x {simulator.state.pose.x:.3f} m" in done.stdout
 
 
-def test_once_without_an_agent_fails(domain: int) -> None:
-    done = run_once(domain, "--timeout", "1")
-    assert (done.returncode, done.stderr) == (1, "")
-    assert "no agent found in namespace /woosh_robot" in done.stdout
-    done = run_once(domain, "--namespace", "a b")
-    assert done.returncode == 2
-    assert "monitor: error:" in done.stderr
+def test_once_without_an_agent_fails(watching: Watching) -> None:
+    file = io.StringIO()
+    console = Console(file=file, width=200, color_system=None)
+    assert watching.run(print_once(watching.source, console, asyncio.Event(), 1.0)) == 1
+    assert "no agent found in namespace /woosh_robot" in file.getvalue()
+
+
+def test_an_invalid_namespace_is_refused(domain: int, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--namespace", "a b"])
+    assert ended.value.code == 2
+    assert "monitor: error:" in capsys.readouterr().err
 
 
 def test_ctrl_c_ends_it(domain: int) -> None:

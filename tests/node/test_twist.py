@@ -32,7 +32,8 @@ def speeds(simulator: SimulatorThread) -> list[float]:
     return [round(twist.linear, 4) for twist in twists]
 
 
-def test_the_last_velocity_is_not_repeated(robot: Robot) -> None:
+def test_the_last_velocity_is_not_repeated(shared_robot: Robot) -> None:
+    robot = shared_robot
     before = robot.chassis.state.odometer
     answers([drive(robot, 0.4)])
     wait_until(lambda: robot.chassis.state.odometer > before)
@@ -40,7 +41,8 @@ def test_the_last_velocity_is_not_repeated(robot: Robot) -> None:
     assert speeds(robot.chassis) == [0.4]
 
 
-def test_a_velocity_that_no_robot_reaches_is_not_sent(robot: Robot) -> None:
+def test_a_velocity_that_no_robot_reaches_is_not_sent(shared_robot: Robot) -> None:
+    robot = shared_robot
     for field, value in (("linear", 3e38), ("linear_y", -10.5), ("angular", 3e38)):
         answer = robot.call(Twist, "robot/Twist", arg=TwistMsg(**{field: value}))
         assert not answer.ok
@@ -72,7 +74,8 @@ def test_the_limits_of_cmd_vel_hold_for_calls(robot: Robot) -> None:
     assert sent(linear=1.0, angular=-1.0)[:3] == (0.3, 0.0, -0.2)
 
 
-def test_velocity_without_a_link_is_refused_and_not_kept(robot: Robot) -> None:
+def test_velocity_without_a_link_is_refused_and_not_kept(shared_robot: Robot) -> None:
+    robot = shared_robot
     robot.chassis.stop_listening()
     wait_until(lambda: robot.chassis.connections == 0)
     (answer,) = answers([drive(robot, 0.4)])

@@ -11,15 +11,21 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 
-from tests.harness import HUMBLE, Client, Collector, Program, wait_until
+from tests.harness import HUMBLE, Client, Collector, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.test_states import diagnostics, values
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.ros import second_agent
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import RobotInfo, Twist
 
 WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+@pytest.fixture(autouse=True)
+def frequent_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(second_agent, "_PERIOD", 0.5)
 
 
 @pytest.fixture
@@ -141,14 +147,14 @@ def test_a_clock_that_is_off_is_a_warning(simulator, agent, arrays):
 
 
 def test_a_second_agent_is_named_until_it_ends(
-    simulator, agent, client, arrays, start_program, logs, domain
+    simulator, agent, client, arrays, start_agent, logs, domain
 ):
     assert find(arrays.wait_count(1)[0], "agents").message == "OK"
-    program: Program = start_program(ip="127.0.0.1", port=simulator.port)
+    second = start_agent(ip="127.0.0.1", port=simulator.port)
     texts = ("another agent runs", "node /woosh_robot/agent. Both", "observe_only")
     assert wait_message(arrays, "agents", *texts).level == WARN
     logs.wait_text("node /woosh_robot/agent")
-    program.end()
+    second.close()
     for _ in range(2):  # another node with the same services; logged again when it comes back
         wait_until(lambda: find(arrays.messages[-1], "agents").message == "OK", "its end")
         logs.messages.clear()

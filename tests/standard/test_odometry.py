@@ -59,14 +59,6 @@ def test_a_jump_of_a_braking_robot_moves_the_map(after: tuple[float, float], jum
     assert not near(odometry.map_to_odom, Pose2D(), 0.25)
 
 
-def test_another_map_moves_the_map_and_not_odom() -> None:
-    odometry = Odometry()
-    end = drive(odometry, 0.5, 0.0)
-    odometry.update(end * Pose2D(0.11), 0.5, 0.0, 2, 5 * PERIOD)
-    assert near(odometry.pose, end * Pose2D(0.5 * PERIOD))
-    assert near(odometry.map_to_odom, Pose2D(0.11 - 0.5 * PERIOD))
-
-
 def test_after_a_lost_link_odom_continues_where_it_was_published_last() -> None:
     odometry = Odometry()
     drive(odometry, 0.5, 0.0)
@@ -90,15 +82,6 @@ def test_a_sideways_drive_has_a_speed_and_is_no_jump(speed: float) -> None:
     assert near(odometry.pose, Pose2D(0.0, y))
     assert left == pytest.approx(speed)
     assert odometry.velocity.left < 0.03, "the robot stops, and must not be predicted to go on"
-
-
-def test_without_reports_a_sideways_drive_has_ended() -> None:
-    odometry = Odometry()
-    for number in range(4):
-        odometry.update(Pose2D(0.0, 0.1 * number), 0.0, 0.0, 1, number * PERIOD)
-    assert odometry.velocity.left == pytest.approx(0.1 / PERIOD)
-    odometry.end_sideways_movement()
-    assert not odometry.velocity.moving
 
 
 def test_a_sideways_drive_in_a_curve_has_its_own_speed() -> None:

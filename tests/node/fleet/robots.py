@@ -42,7 +42,13 @@ def logger_of(namespace: str) -> str:
 def running_fleet(folder: Path, chassis: dict[str, SimulatorThread]) -> Iterator[Fleet]:
     """The agents of all robots in this process."""
     own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
-    file = write_parameters(folder, list(ROBOTS), {}, **own)
+    with fleet_of_file(write_parameters(folder, list(ROBOTS), {}, **own)) as fleet:
+        yield fleet
+
+
+@contextmanager
+def fleet_of_file(file: Path) -> Iterator[Fleet]:
+    """The agents that a parameter file describes, in this process."""
     context = Context()
     rclpy.init(args=["--ros-args", "--params-file", str(file)], context=context)
     try:

@@ -78,6 +78,7 @@ def test_each_agent_has_its_own_chassis_frames_and_parameters_and_ends_with_the_
     assert not chassis[driven].last(TWIST).ListFields(), "it is stopped"
     assert chassis[at_work].counts[TWIST] == 2, "it stood"
     goal.wait_aborted("stopping")
+    assert chassis[at_work].call(lambda sim: sim.chassis.tasks.active), "the task is the robot's"
     wait_until(lambda: not any(simulator.connections for simulator in chassis.values()))
 
 
@@ -87,38 +88,48 @@ def _agents(client: Client) -> set[str]:
 
 
 def test_what_happens_to_one_robot_affects_no_other(
-    fleet: Program, chassis: dict[str, SimulatorThread], clients: dict[str, Client]
+    tmp_path: Path,
+    chassis: dict[str, SimulatorThread],
+    clients: dict[str, Client],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     one, other = ROBOTS
-    # calls without an answer
-    chassis[one].mute(SPEAK)
-    waiting = [clients[one].call_async(Speak, "robot/Speak") for _ in range(200)]
-    for _ in range(10):
+    said = ""
+
+    def lines(*texts: str) -> list[str]:
+        """Return the lines logged so far that have one of these texts."""
+        nonlocal said
+        said += capfd.readouterr().err
+        return [line for line in said.splitlines() if any(text in line for text in texts)]
+
+    with running_fleet(tmp_path, chassis):
+        # calls without an answer
+        chassis[one].mute(SPEAK)
+        waiting = [clients[one].call_async(Speak, "robot/Speak") for _ in range(200)]
+        for _ in range(10):
+            assert clients[other].call(Speak, "robot/Speak").ok
+        limit = LinkConfig().max_in_flight
+        chassis[one].wait_received(SPEAK, limit)
+        wait_until(lambda: sum(not each.done() for each in waiting) == limit)
+        # a lost link
+        goal = task(clients[other])
+        goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
+        chassis[one].stop()
+        wait_until(lambda: not clients[one].call(Speak, "robot/Speak").ok)
         assert clients[other].call(Speak, "robot/Speak").ok
-    limit = LinkConfig().max_in_flight
-    chassis[one].wait_received(SPEAK, limit)
-    wait_until(lambda: sum(not each.done() for each in waiting) == limit)
-    # a lost link
-    goal = task(clients[other])
-    goal.feedback.wait(lambda fb: fb.state.value == EXECUTING)
-    chassis[one].stop()
-    wait_until(lambda: not clients[one].call(Speak, "robot/Speak").ok)
-    assert clients[other].call(Speak, "robot/Speak").ok
-    assert goal.result()[0] == SUCCEEDED
-    # logged once, with the name of the affected robot
-    told = [line for line in fleet.lines if "cannot connect" in line or "lost" in line]
-    assert told
-    assert all(logger_of(one) in line for line in told), told
-    assert len(set(told)) == len(told)
-    # a goal pose outside of the map
-    message = PoseStamped()
-    message.header.frame_id = "hall/r2/map"
-    message.pose.position.x = 500.0
-    message.pose.orientation.w = 1.0
-    clients[other].publisher(PoseStamped, "goal_pose").publish(message)
-    fleet.wait_says("goal_pose was not reached")
-    (line,) = [line for line in fleet.lines if "goal_pose was not reached" in line]
-    assert logger_of(other) in line
+        assert goal.result()[0] == SUCCEEDED
+        # logged once, with the name of the affected robot
+        told = wait_until(lambda: lines("cannot connect", "lost the link"))
+        assert all(logger_of(one) in line for line in told), told
+        assert len(set(told)) == len(told)
+        # a goal pose outside of the map
+        message = PoseStamped()
+        message.header.frame_id = "woosh_robot/hall/r2/map"
+        message.pose.position.x = 500.0
+        message.pose.orientation.w = 1.0
+        clients[other].publisher(PoseStamped, "goal_pose").publish(message)
+        (line,) = wait_until(lambda: lines("goal_pose was not reached"))
+        assert logger_of(other) in line
 
 
 def test_an_error_is_logged_by_the_robot_that_has_it(

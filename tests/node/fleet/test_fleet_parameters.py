@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 
-from tests.harness import NAMESPACE, Program
-from tests.node.fleet.robots import logger_of, write_parameters
+from tests.harness import NAMESPACE
+from tests.node.fleet.robots import fleet_of_file, write_parameters
 from woosh_robot_agent.ros.fleet import Fleet, namespaces
 from woosh_robot_agent.ros.releases import error_text
 from woosh_robot_agent.simulator import SimulatorThread
@@ -79,11 +79,8 @@ def test_robot_names_may_be_relative_or_absolute() -> None:
     assert namespaces(["a", "/d"], "/hall") == {"a": "/hall/a", "/d": "/d"}
 
 
-def test_the_example_file_works(
-    start_program: Callable[..., Program],
-    tmp_path: Path,
-    chassis: dict[str, SimulatorThread],
-) -> None:
+@pytest.mark.usefixtures("domain")
+def test_the_example_file_works(tmp_path: Path, chassis: dict[str, SimulatorThread]) -> None:
     """config/robots.yaml with two robots behind one gateway, which differ by their `robot_id`."""
     text = (Path(__file__).parents[3] / "config/robots.yaml").read_text()
     gateway = f"port: {chassis['/r1'].port}"
@@ -93,6 +90,6 @@ def test_the_example_file_works(
         assert found == 1
     file = tmp_path / "robots.yaml"
     file.write_text(text)
-    program = start_program("--params-file", str(file))
-    for name in ("/r1", "/r2"):
-        program.wait_says(f"{logger_of(name)}]: connected to")
+    with fleet_of_file(file) as fleet:
+        assert [agent.node.get_namespace() for agent in fleet.agents] == ["/r1", "/r2"]
+        assert chassis["/r1"].connections == 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -170,15 +169,13 @@ class TestFrames:
         self, robot: Robot, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """They would hold up a later goal in a known frame, which could then drive too late."""
-        monkeypatch.setattr(frames, "_WAIT", 3.0)
+        monkeypatch.setattr(frames, "_WAIT", 3.0)  # one after the other, they would take 63 s
         action = class_of("nav2_msgs/NavigateToPose", "action")
         server = robot.action(action, "navigate_to_pose")
-        goals = [action.Goal(pose=ahead(1.0, "nowhere")) for _ in range(9)]
-        began = time.monotonic()
+        goals = [action.Goal(pose=ahead(1.0, "nowhere")) for _ in range(21)]
         for goal in goals:
             robot.in_executor(partial(server.send_goal_async, goal))
         assert go(robot, ahead(0.5)).result()[0] == SUCCEEDED
-        assert time.monotonic() - began < 25.0, "one after the other, they take 27 s"
 
 
 def test_frames_with_a_prefix(

@@ -21,7 +21,7 @@ from woosh_robot_msgs.action import ExecTask
 IDLE, TASK = {"state": 2}, {"state": 4}
 NAV, WAIT = 1, 6
 """Types of an action."""
-RUNS, WARNS, CANCELS, DONE, FAILS, SUSPENDED = 1, 2, 3, 4, 5, 10
+RUNS, WARNS, CANCELS, DONE, SUSPENDED = 1, 2, 3, 4, 10
 """States of an action."""
 PICK = [(3, NAV, RUNS), (3, NAV, DONE), (5, WAIT, RUNS), (5, WAIT, DONE), (7, WAIT, DONE)]
 SEQUENCES = {
@@ -32,7 +32,6 @@ SEQUENCES = {
         *((4, NAV, CANCELS), (8, NAV, CANCELS)),
     ],
     "obstacle": [(3, NAV, RUNS), (4, NAV, WARNS), (4, NAV, WARNS), *PICK],
-    "failed": [(3, NAV, RUNS), (9, NAV, FAILS)],
     "only the end": [(7, NAV, DONE)],
 }
 """Task state, type and state of the action of each report on a task."""

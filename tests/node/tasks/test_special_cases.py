@@ -1,4 +1,7 @@
-"""Tasks that go another way than usual: the end unseen, ids used twice, cancels and refusals."""
+"""Tasks that go another way than usual: the end unseen, ids used twice, cancels and refusals.
+
+test_real_tasks.py has the usual course, with the disturbances that real robots send.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,6 @@ from tests.node.tasks.reports import (
     IDS,
     NAV,
     RUNS,
-    TASK,
     ScriptedRobot,
     assert_ended,
     empty,
@@ -37,51 +39,6 @@ from woosh_robot_msgs.action import ExecTask
 STATUS_CODE = "woosh.robot.count.StatusCode"
 
 pytestmark = pytest.mark.usefixtures("normal")
-
-
-# Disturbances of the usual course; test_real_tasks.py has that of real robots
-
-
-@pytest.mark.parametrize(
-    ("sequence", "answer", "noise"),
-    [
-        ("pick", "first", "twice"),
-        ("obstacle", "after the state", "empty before"),
-        ("cancelled", "after a report", "other tasks"),
-        ("failed", "last", "next task"),
-        ("only the end", "never", "none"),
-    ],
-)
-def test_goal_ends_with_the_task(
-    robot: ScriptedRobot, sequence: str, answer: str, noise: str
-) -> None:
-    task_id = next(IDS)
-    pushed = reports(task_id, sequence)
-    if noise == "twice":
-        pushed = [body for body in pushed for _ in range(2)]
-    own = task_id * 100 + 53
-
-    def play() -> None:
-        pushes: list[tuple[str, Body]] = [(ROBOT_STATE, TASK)]
-        if noise == "empty before":
-            pushes += [(TASK_PROC, empty()), (TASK_PROC, empty())]
-        for body in pushed:
-            if noise == "other tasks":
-                pushes += [(TASK_PROC, report(own, (3, NAV, RUNS)))]
-            pushes += [(TASK_PROC, body)]
-        pushes += [(TASK_PROC, empty()), (ROBOT_STATE, IDLE)]
-        if noise == "next task":
-            pushes += [(TASK_PROC, body) for body in reports(own, "pick")]
-        place = {"first": 0, "after the state": 1, "after a report": 2, "last": len(pushes)}
-        for number, push in enumerate([*pushes, None]):
-            if number == place.get(answer):
-                robot.chassis.answer()
-            if push is not None:
-                robot.chassis.push(*push)
-
-    robot.chassis.expect(EXEC_TASK, play)
-    expected = pushed[:-1] if noise == "twice" else pushed  # the goal ends with the first end
-    assert_ended(send(robot, task_id), expected)
 
 
 # No report yet
