@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from std_srvs.srv import Trigger
 
 from tests.harness import Logs, Robot, wait_future
 from tests.node.goals import answer_with_json, replace_answers
@@ -18,7 +19,7 @@ from woosh_map_msgs.msg import Upload as UploadMsg
 from woosh_map_msgs.srv import Download, Upload
 from woosh_robot_agent.pb.map.map_pack_pb2 import DownloadResponse
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath as NavPathProto
-from woosh_robot_agent.ros.bridge import Reply
+from woosh_robot_agent.ros.bridge import AgentStoppingError, Reply
 from woosh_robot_msgs.msg import Speak as SpeakMsg
 from woosh_robot_msgs.srv import General, Mode, NavPath, SetSound, Speak, SwitchControlMode
 
@@ -34,6 +35,15 @@ def robot(shared_robot: Robot) -> Robot:
 
 def speak(client: Any, text: str) -> Any:
     return client.call_async(Speak, "robot/Speak", arg=SpeakMsg(text=text))
+
+
+def test_every_response_of_a_stopping_agent_says_why() -> None:
+    sent: list[Any] = []
+    for service in (Speak, Trigger):
+        Reply(service.Response, lambda response, _: sent.append(response), None).fail(
+            AgentStoppingError()
+        )
+    assert [sent[0].msg, sent[1].message] == 2 * ["the agent is stopping"]
 
 
 def test_a_slow_call_holds_up_no_other(robot: Robot) -> None:

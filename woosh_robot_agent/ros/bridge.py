@@ -99,6 +99,13 @@ class _TimedSelector(selectors.DefaultSelector):
         return events
 
 
+class AgentStoppingError(Exception):
+    """A coroutine was cancelled, because the agent is stopping."""
+
+    def __init__(self) -> None:
+        super().__init__("the agent is stopping")
+
+
 class LinkThread:
     """The link thread, as the agent of one robot uses it.
 
@@ -160,7 +167,7 @@ class LinkThread:
         await asyncio.gather(*tasks, return_exceptions=True)
         for task in tasks:  # a coroutine that had not started has not called its `on_error`
             if (on_error := self._tasks.pop(task, None)) is not None:
-                on_error(_cancelled_error())
+                on_error(AgentStoppingError())
 
     def _spawn(
         self,
@@ -181,7 +188,7 @@ class LinkThread:
         try:
             await work()
         except asyncio.CancelledError:
-            error = _cancelled_error()
+            error = AgentStoppingError()
             raise
         except Exception as unexpected:
             _LOG.exception("a background task failed")
@@ -191,11 +198,6 @@ class LinkThread:
                 self._tasks.pop(task, None)
             if error is not None and on_error is not None:
                 on_error(error)
-
-
-def _cancelled_error() -> RuntimeError:
-    """Return the error that `on_error` gets for a cancelled coroutine."""
-    return RuntimeError("the agent is stopping")
 
 
 def wait_for_result(future: Future[T], timeout: float) -> T:
@@ -263,13 +265,17 @@ class Reply:
         return True
 
     def fail(self, error: BaseException) -> None:
-        """Send a response that reports a bug of the agent."""
+        """Send a response that reports a bug of the agent, or that the agent is stopping."""
         self.send(self._failure(error))
 
     def _failure(self, error: BaseException) -> Any:
         response = self._response_class()
-        if hasattr(response, "msg"):
-            response.msg = f"internal error of the agent, please report it: {error!a}"
+        text = f"internal error of the agent, please report it: {error!a}"
+        if isinstance(error, AgentStoppingError):
+            text = str(error)
+        for field in ("msg", "message"):  # of the robot's services, and of Trigger
+            if hasattr(response, field):
+                setattr(response, field, text)
         return response
 
 

@@ -72,7 +72,7 @@ def exit_withdraws_endpoints() -> bool:
     if not str(get_rmw_implementation_identifier()).startswith("rmw_fastrtps"):
         return False
     # rclpy does not tell the version of Fast DDS; the loaded library does
-    return "/libfastrtps.so.2" in Path("/proc/self/maps").read_text(encoding="utf-8")
+    return b"/libfastrtps.so.2" in Path("/proc/self/maps").read_bytes()
 
 
 def on_parameters_set(
