@@ -16,6 +16,7 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, RobotState
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc as TaskProcProto
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_msgs.msg import TaskProc
@@ -87,9 +88,24 @@ def test_each_call_asks_the_chassis(robot: Robot) -> None:
         for count in (1, 2):
             assert pack(ask(robot, query)) == answers[query.request], query.name
             assert robot.chassis.counts[query.request] == asked + count, query.name
-    robot.call(TaskProcSrv, "robot/TaskProc", arg=TaskProc(robot_task_id=17, dest="A2"))
-    sent = robot.chassis.last("woosh.robot.TaskProc")
+
+
+def test_the_answer_to_a_query_with_an_argument_is_not_the_last_known_value(robot: Robot) -> None:
+    """It may be about another task, or behind a gateway about another robot."""
+    name = "woosh.robot.TaskProc"
+
+    def answer(out: Outgoing) -> list[Outgoing]:
+        is_asked = out.request == name
+        return [replace(out, body=TaskProcProto(robot_task_id=17)) if is_asked else out]
+
+    robot.chassis.intercept(answer)
+    asked = TaskProc(robot_task_id=17, dest="A2")
+    assert robot.call(TaskProcSrv, "robot/TaskProc", arg=asked).info.robot_task_id == 17
+    sent = robot.chassis.last(name)
     assert (sent.robot_task_id, sent.dest) == (17, "A2"), "the only query with an argument"
+    assert known(robot.agent, name).robot_task_id == 0
+    robot.call(TaskProcSrv, "robot/TaskProc")
+    assert known(robot.agent, name).robot_task_id == 17
 
 
 def test_response_is_blank_while_nothing_is_known(start_agent, client, logs):

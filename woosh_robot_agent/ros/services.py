@@ -107,9 +107,9 @@ class _QueryHandler:
             _RefusedError: the chassis refused the request.
             _UnusableAnswerError: the answer holds no value that can be read.
         """
-        answer = await self._robot.chassis.request(
-            self._chassis_request(request), tap=self._remember
-        )
+        # with an argument, the answer may be about another task, or another robot of a gateway
+        tap = self._remember if request == self.srv.Request() else None
+        answer = await self._robot.chassis.request(self._chassis_request(request), tap=tap)
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.reason}")
         if answer.type != self._endpoint.request:
