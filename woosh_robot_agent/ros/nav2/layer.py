@@ -71,7 +71,7 @@ class Nav2Layer:
         )
         self._teleop = AssistedTeleop(self._context)
         self._actions: list[Nav2Action] = [self._teleop]
-        SpeedLimit(standard, driving)
+        self._speed_limit = SpeedLimit(standard, driving)
 
     def start(self) -> None:
         """Create the other actions and the services, and start AssistedTeleop."""
@@ -83,6 +83,10 @@ class Nav2Layer:
         MapServer(standard)
         Costmaps(standard)
         standard.robot.thread.spawn(partial(keep_running, self._teleop.run, self._teleop.name))
+
+    def settings_changed(self) -> None:
+        """Apply changed parameters. Call it in the link thread."""
+        self._speed_limit.settings_changed()
 
     @property
     def open_goals(self) -> int:
