@@ -270,7 +270,7 @@ class Subscriptions:
         self._target.put(_ANSWER, partial(call_logged, tap, answer))
 
     async def wait_delivered(self) -> None:
-        """Wait until everything received so far is delivered."""
+        """Wait until everything received so far is delivered, except for large pushes."""
         delivered = asyncio.Event()
         self._target.put(_ANSWER, delivered.set)
         await delivered.wait()
