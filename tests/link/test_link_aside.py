@@ -12,10 +12,10 @@ import pytest
 from google.protobuf.message import Message
 
 from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, linked, soon
-from woosh_robot_agent.link import Body, Sending, SupersededError
+from woosh_robot_agent.link import Body, LinkState, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.tasks import LARGE, aside
+from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, PoseSpeed, RobotInfo
@@ -136,26 +136,6 @@ async def test_a_push_that_a_newer_one_overtook_while_it_was_decoded_is_dropped(
         gate.set()
         await eventually(lambda: client.stats.dropped_pushes[full_name(RobotInfo)] == 1)
         assert lengths == [1]
-
-
-async def test_no_push_overtakes_a_large_robot_info_of_the_handshake(gate: threading.Event) -> None:
-    """Otherwise the RobotInfo would replace newer values."""
-    async with Peer(auto=False) as peer:
-        client = peer.client()
-        seen: list[str] = []
-        client.on_snapshot(lambda _info: seen.append("info"))
-        client.subscribe(PoseSpeed, lambda _push: seen.append("push"))
-        busy = asyncio.ensure_future(aside(gate.wait, TIMEOUT))
-        client.start()
-        wire = await peer.wire()
-        await wire.answer(await wire.next(full_name(RobotInfo)), body(info(POSES)))
-        await wire.push(full_name(PoseSpeed))
-        await asyncio.sleep(0.1)  # both have arrived, and the RobotInfo waits to be decoded
-        gate.set()
-        await eventually(lambda: len(seen) == 2)
-        assert seen == ["info", "push"]
-        await client.close()
-        await busy
 
 
 async def test_an_urgent_request_overtakes_a_large_one_and_the_others_keep_their_order(
@@ -283,13 +263,13 @@ async def test_a_large_robot_info_is_converted_aside_and_later_pushes_wait_for_i
 
         client.on_snapshot(seen.append, prepare)
         client.subscribe(PoseSpeed, lambda push: seen.append("pose"))
-        async with client:
-            wire = await peer.wire()
-            await eventually(began.is_set)
-            await wire.push(full_name(PoseSpeed))
-            await eventually(lambda: client.debug()["pushes"] == 1)
-            await answered(client.request(Speak()), wire)
-            assert not seen
-            gate.set()
-            await eventually(lambda: len(seen) == 2)
-            assert seen == [f"{POSES} corners", "pose"]
+        client.start()
+        await eventually(began.is_set)
+        await (await peer.wire()).push(full_name(PoseSpeed))
+        await eventually(lambda: client.debug()["pushes"] == 2)  # and the end of the handshake
+        assert not seen
+        assert client.state is LinkState.CONNECTING  # who commands the robot must know its state
+        gate.set()
+        await eventually(lambda: len(seen) == 2)
+        await client.close()
+        assert seen == [f"{POSES} corners", "pose"]

@@ -147,6 +147,8 @@ class Quiet:
     progress_at = 0.0
     left = 0
     """Bytes that wait to be sent."""
+    sent = 0
+    """Number of frames sent."""
 
     def backlog(self) -> int:
         return self.left
@@ -156,16 +158,18 @@ def liveness_of(
     quiet: Any, timeout: float, probe: Callable[[], Awaitable[None]] = asyncio.Future
 ) -> Liveness:
     """Return the liveness of a transport; by default its probes are never answered."""
-    return Liveness(quiet, timeout, probe, lambda: 0)
+    return Liveness(quiet, timeout, probe, lambda: quiet.sent)
 
 
-async def test_a_chassis_that_reads_a_large_frame_slowly_is_alive() -> None:
+@pytest.mark.parametrize("frames", [0, 1], ids=["one large frame", "many frames"])
+async def test_a_chassis_that_reads_slowly_is_alive(frames: int) -> None:
     slow = Quiet()
     watching = asyncio.ensure_future(liveness_of(slow, 0.8).watch())
     slow.left = 12
     while slow.left:
-        await asyncio.sleep(0.12)  # the whole frame takes longer than the timeout
+        await asyncio.sleep(0.12)  # all together takes longer than the timeout
         slow.left -= 1
+        slow.sent += frames
         assert not watching.done()
     with pytest.raises(ConnectionLostError, match="nothing was heard"):
         await soon(watching)

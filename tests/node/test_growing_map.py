@@ -201,8 +201,9 @@ def test_after_a_lost_link_the_map_grows_on_or_the_scenes_map_is_shown(
 
 
 class TestOnDemand:
+    @pytest.mark.parametrize("without_link", [False, True])
     def test_a_late_subscriber_does_not_get_a_map_that_has_ended(
-        self, mapping, agent, domain, simulator
+        self, mapping, agent, domain, simulator, without_link
     ):
         mapping.enter(robot.kMapping)
         for columns in (1, 2):
@@ -211,8 +212,12 @@ class TestOnDemand:
         requests = simulator.counts[SCENE_DATA]
         with visit(domain) as visitor:
             diagnostics(visitor).wait_count(1)  # the former subscriber has gone
-        mapping.enter(robot.kIdle)
-        wait_until(lambda: simulator.counts[SCENE_DATA] > requests)
+        if without_link:
+            mapping.state = robot.kIdle
+            simulator.drop()
+        else:
+            mapping.enter(robot.kIdle)
+        wait_until(lambda: simulator.counts[SCENE_DATA] > requests, "a request for the map")
         for _ in range(2):
             with visit(domain) as visitor:
                 first = visitor.echo(OccupancyGrid, "map").wait_count(1)[0]

@@ -14,8 +14,10 @@ import pytest
 from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
 from tests.vda5050.conftest import EXEC, LEG, Site
-from tests.vda5050.master import START, Master, action, error_types, node, nodes_left
+from tests.vda5050.master import START, Master, action, error_types, node, nodes_left, status_of
 from tests.vda5050.programs import running_connector
+from woosh_robot_agent.motion.timeliness import boot_time
+from woosh_robot_agent.vda5050 import mqtt
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import V2_1, Identity
 from woosh_robot_agent.vda5050.mqtt import (
@@ -76,6 +78,7 @@ async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
         "dying",
         lambda: Publication("will", "gone"),
         {"order": lambda payload, retained: None},
+        {},
         lambda: None,
     )
     running = asyncio.create_task(connection.run())
@@ -107,7 +110,9 @@ async def test_a_connection_that_is_given_up_while_it_begins_is_closed() -> None
     async with await asyncio.start_server(never_answer, "127.0.0.1", 0) as server:
         port = server.sockets[0].getsockname()[1]
         will = Publication("will", "gone")
-        connection = MqttConnection(BrokerConfig("127.0.0.1", port), "1", lambda: will, {}, print)
+        connection = MqttConnection(
+            BrokerConfig("127.0.0.1", port), "1", lambda: will, {}, {}, print
+        )
         running = asyncio.create_task(connection.run())
         await begun.wait()
         running.cancel()
@@ -138,7 +143,7 @@ def reports_with(header_ids: HeaderIds) -> tuple[Reports, MqttConnection]:
     """Messages of a vehicle, and a connection that was not begun."""
     reports = Reports(V2_1, Limits(), lambda: None, lambda: None, lambda: None)
     reports.open(Identity("Woosh", "1"), "uagv", header_ids)
-    mqtt = MqttConnection(BrokerConfig("", 1), "1", reports.last_will, {}, lambda: None)
+    mqtt = MqttConnection(BrokerConfig("", 1), "1", reports.last_will, {}, {}, lambda: None)
     reports.use(mqtt)
     return reports, mqtt
 
@@ -200,6 +205,7 @@ async def test_an_order_that_came_while_the_connector_was_suspended_is_not_drive
             await master.online()
             connector.send_signal(signal.SIGSTOP)
             master.order(LEG)
+            master.instant(action("startPause", "p"), action("stopPause", "s"))
             await eventually(
                 lambda: master.last("connection")["connectionState"] == "CONNECTIONBROKEN"
             )
@@ -208,7 +214,25 @@ async def test_an_order_that_came_while_the_connector_was_suspended_is_not_drive
             master.instant(action("stateRequest", "r"))
             await master.status("r", "FINISHED")
             assert master.state["orderId"] == ""
+            assert (status_of(master.state, "p"), status_of(master.state, "s")) == ("FINISHED", "")
+            assert master.state["paused"]
     assert site.chassis.counts[EXEC] == 0
+
+
+async def test_a_cancel_that_came_while_the_connector_was_suspended_is_performed(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with site.online() as master:
+        await site.drive(master)
+        connections = len(master.received["connection"])
+        monkeypatch.setattr(mqtt, "boot_time", lambda: boot_time() + 6.0)
+        master.instant(action("cancelOrder", "c"))
+        master.order(LEG, order_id="old")
+        await master.status("c", "FINISHED")
+        # connected anew
+        await eventually(lambda: len(master.received["connection"]) > connections)
+        assert master.state["orderId"] == "order"
+    assert site.chassis.counts[EXEC] == 1
 
 
 def test_no_header_id_is_used_twice_whenever_the_program_ends() -> None:

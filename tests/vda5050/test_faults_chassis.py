@@ -11,9 +11,9 @@ from types import ModuleType
 import pytest
 
 from tests.asynchronous import eventually
-from tests.quick_chassis import quick_config, set_speed
+from tests.quick_chassis import edit_bodies, quick_config, set_speed
 from tests.vda5050.chassis_events import received
-from tests.vda5050.conftest import EXEC, ORDER, Site, scene_with_start
+from tests.vda5050.conftest import EXEC, LEG, ORDER, Site, scene_with_start
 from tests.vda5050.master import (
     START,
     Master,
@@ -28,6 +28,7 @@ from tests.vda5050.master import (
     status_of,
 )
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.ros import action_pb2
@@ -94,6 +95,22 @@ async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Si
         assert status_of(ended, "words") == "FINISHED"
     assert site.chassis.state.spoken == ("ready",)
     assert site.chassis.counts[EXEC] == 1
+
+
+async def test_an_order_that_comes_without_a_link_does_not_start_elsewhere(site: Site) -> None:
+    """Even if the first report of the new link is so large that it takes time to be decoded."""
+    large = "x" * LARGE
+    async with site.online() as master:
+        async with site.without_link(master):
+            master.order(LEG)
+            await master.accepted()
+            pose = Pose(START[0] + 2.0, START[1], 0.0)
+            site.chassis.call(lambda simulator: simulator.chassis.localise(pose))
+            edit_bodies(
+                site.chassis, RobotInfo, lambda info: setattr(info.network, "sch_ip", large)
+            )
+        await master.error("interruptedError")
+    assert site.chassis.counts[EXEC] == 0
 
 
 async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(

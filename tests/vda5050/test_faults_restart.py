@@ -263,7 +263,10 @@ async def test_what_has_ended_is_not_repeated_after_a_restart(site: Site, tmp_pa
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"[]", b'{"order": {"leg_length": 1}}', b"[" * 100_000, b"\xff"],
+    [
+        *(b"", b"[]", b"[" * 100_000, b"\xff"),
+        *(b'{"order": {"leg_length": 1}}', b'{"calls": ["woosh.ros.action.Newer"]}'),
+    ],
 )
 def test_a_damaged_file_is_put_aside(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / FILE
@@ -287,18 +290,14 @@ def test_a_file_that_could_not_be_read_is_read_when_that_is_corrected(tmp_path: 
     opened.close()
 
 
-@pytest.mark.parametrize(
-    "content", [b'{"order": {"leg_length": 1}}', b'{"calls": ["woosh.ros.action.Newer"]}']
-)
 async def test_a_vehicle_reports_a_damaged_file_until_its_next_order(
-    site: Site, tmp_path: Path, content: bytes
+    site: Site, tmp_path: Path
 ) -> None:
     file = tmp_path / FILE
-    file.write_bytes(content)
+    file.write_bytes(b"[]")
     async with Master(site.broker.port) as master, site.vehicle(state_folder=tmp_path):
         state = await master.error("stateFileError")
         assert state["orderId"] == ""
-        assert file.with_suffix(".damaged").read_bytes() == content
         master.order([node("a", 0, *START)])
         await master.wait_state(lambda state: state["orderId"] == "order" and not state["errors"])
     assert saved(tmp_path)["order"]["order_id"] == "order"

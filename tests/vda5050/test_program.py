@@ -9,8 +9,12 @@ from pathlib import Path
 import pytest
 
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.vda5050 import program
 from woosh_robot_agent.vda5050.__main__ import main
+from woosh_robot_agent.vda5050.messages.factsheet import Limits
+from woosh_robot_agent.vda5050.messages.versions import V3_0
 from woosh_robot_agent.vda5050.robots_file import ListedRobot, read_robots
+from woosh_robot_agent.vda5050.session import VehicleConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -99,6 +103,35 @@ def test_a_wrong_option_ends_the_program_with_its_reason(
         main(arguments)
     assert ended.value.code == 2
     assert reason in capsys.readouterr().err
+
+
+def test_the_options_reach_the_vehicle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    made: list[VehicleConfig] = []
+
+    async def run(connector: object, dashboard_port: int | None) -> int:
+        return 0
+
+    monkeypatch.setattr(program, "Connector", lambda vehicles, _: made.extend(vehicles.values()))
+    monkeypatch.setattr(program, "_run", run)
+    monkeypatch.setattr(program, "log_to_stderr", lambda *arguments: None)
+    options = (
+        "--broker mqtt://host --ip robot --version 3.0 --interface a/b --manufacturer Other "
+        "--serial-number 7 --driving-state-interval 0.5 --no-maps-in-state "
+        f"--state-folder {tmp_path}"
+    )
+    assert main(options.split()) == 0
+    (vehicle,) = made
+    assert vehicle.link.ip == "robot"
+    assert vehicle == VehicleConfig(
+        vehicle.link,
+        manufacturer="Other",
+        serial_number="7",
+        interface="a/b",
+        version=V3_0,
+        limits=Limits(driving_state_interval=0.5, maps_in_state=False),
+        log_folder=tmp_path / "reports",
+        state_folder=tmp_path,
+    )
 
 
 def test_without_its_libraries_the_program_says_what_to_install(

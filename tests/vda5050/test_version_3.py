@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +13,6 @@ from tests.quick_chassis import set_speed
 from tests.vda5050.conftest import Site
 from tests.vda5050.master import (
     START,
-    Master,
     Message,
     action,
     error_types,
@@ -23,7 +21,6 @@ from tests.vda5050.master import (
     plain_edges,
     references,
 )
-from tests.vda5050.programs import running_connector
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
 from woosh_robot_agent.vda5050.messages.geometry import curve_defect, path_ahead
 from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order
@@ -371,13 +368,6 @@ async def test_instant_actions_stay_in_the_state_after_a_new_order(site: Site) -
         state = await master.accepted("order")
         assert [each["actionId"] for each in state["instantActionStates"]] == ["ask", "no"]
         assert state["errors"] == []
-
-
-async def test_the_option_chooses_the_version(site: Site, tmp_path: Path) -> None:
-    async with Master(site.broker.port, version="3.0.0") as master:
-        with running_connector(site.chassis, site.broker.url, tmp_path, "--version", "3.0"):
-            await master.online()
-            assert master.state["version"] == "3.0.0"
 
 
 @BOTH

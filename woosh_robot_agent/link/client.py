@@ -390,10 +390,6 @@ class ChassisClient:
         """
         self._subscriptions.on_snapshot(Consumer(callback, prepare))
 
-    def after_pushes(self, callback: Callable[[], None]) -> None:
-        """Call `callback` in the event loop once everything received so far is delivered."""
-        self._subscriptions.put_call(callback)
-
     @property
     def _connection(self) -> Connection | None:
         return self._reconnect.connection

@@ -205,7 +205,7 @@ class Liveness:
         sent, backlog = self._sent(), self._transport.backlog()
         has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before
         self._sent_before, self._backlog_before = sent, backlog
-        if has_drained and not has_sent:  # without a new frame, less backlog means that it was read
+        if has_drained:  # the other end has read something
             self._alive_at = now
         if has_drained or has_sent or not backlog:
             self._accepted_at = now

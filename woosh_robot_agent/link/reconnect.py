@@ -85,7 +85,7 @@ class LinkState(Enum):
     CONNECTING = "connecting"
     """An attempt is in progress: the transport is opening, or the first RobotInfo is pending."""
     READY = "ready"
-    """The first RobotInfo has arrived; requests can be sent."""
+    """The first RobotInfo has been delivered; requests can be sent."""
     WAITING = "waiting"
     """The last attempt failed, or the link was lost; the next attempt follows after a pause."""
 
@@ -254,6 +254,7 @@ async def handshake(
         if _is_other(robot, expected):
             raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
         subscriptions.release()  # `put_snapshot` has done so, unless the RobotInfo is unreadable
+        await subscriptions.wait_delivered()  # who commands the robot must know its state
         return expected if robot is None else robot.completed_by(expected)
     finally:
         subscriptions.discard_held()

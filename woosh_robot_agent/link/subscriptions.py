@@ -114,7 +114,7 @@ _TIME_SLICE = 0.005
 """Time after which the delivery lets other tasks run, in seconds, so that slow consumers do not
 starve them."""
 _ANSWER = "answer"
-"""Type under which answers, and the calls of `put_call`, are queued."""
+"""Type under which answers, and the ends of `wait_delivered`, are queued."""
 _SNAPSHOT = "snapshot"
 """Type under which the first RobotInfo of a link is queued."""
 
@@ -267,9 +267,11 @@ class Subscriptions:
         """Queue an answer for `tap`, in order with the pushes."""
         self._target.put(_ANSWER, partial(call_logged, tap, answer))
 
-    def put_call(self, callback: Callable[[], None]) -> None:
-        """Queue a call of `callback`, in order with the pushes."""
-        self._target.put(_ANSWER, partial(call_logged, lambda _: callback(), None))
+    async def wait_delivered(self) -> None:
+        """Wait until everything received so far is delivered, except for large pushes."""
+        delivered = asyncio.Event()
+        self._target.put(_ANSWER, delivered.set)
+        await delivered.wait()
 
     @property
     def _target(self) -> PushQueue:

@@ -115,7 +115,7 @@ class SpeedLimiter:
     def _link_changed(self, state: LinkState) -> None:
         """Send the limit once the link is ready; without a link, no navigation is known."""
         if state is LinkState.READY:
-            self._send()  # the first RobotInfo may come before requests are possible
+            self._send()  # the first RobotInfo comes before requests are possible
             if self._is_action_unknown:
                 self._is_action_unknown = False
                 self._start(self._ask_actions())

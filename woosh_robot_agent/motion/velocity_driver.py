@@ -357,14 +357,7 @@ class VelocityDriver:
             self._waiting = None
             self._needs_zero = self._needs_zero or self._driving
             self._driving = False
-        elif self._needs_zero:  # rule 7
-            # not before the first RobotInfo, which tells whether a task drives the robot
-            self._chassis.after_pushes(self._zero_after_loss)
-
-    def _zero_after_loss(self) -> None:
-        """Stop the robot, unless a goal, a task or an action drives it."""
-        # a link that is lost again gets the zero after the next reconnect
-        if self._needs_zero and self._chassis.state is LinkState.READY:
+        elif self._needs_zero:  # rule 7; the first RobotInfo has told whether a task drives
             self._needs_zero = False
             if not self._gate.owner:
                 self._send(Twist())

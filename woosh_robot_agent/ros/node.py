@@ -319,6 +319,8 @@ class Agent:
             self.robot.thread.call(self._set_observe_only, settings.observe_only)
         if settings.link != before.link:
             self.robot.thread.spawn(self._reconfigure)
+        if self._nav2 is not None:
+            self.robot.thread.call(self._nav2.settings_changed)
 
     def _link_config(self) -> LinkConfig:
         return replace(self.settings.link, **self._link_fields)

@@ -115,8 +115,6 @@ class Execution:
         self._link_was_lost = False
         """True from a loss of the link until no action is active."""
         link.chassis.on_state(self._link_changed)
-        # people may have moved the robot before the link was there
-        link.chassis.on_snapshot(lambda info: self.order.require_place_check())
 
     # State of the robot: motion, pause and errors
 

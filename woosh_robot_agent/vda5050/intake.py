@@ -28,6 +28,7 @@ from woosh_robot_agent.vda5050.messages.state import (
     rejection,
 )
 from woosh_robot_agent.vda5050.messages.versions import Identity
+from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, START_PAUSE
 from woosh_robot_agent.vda5050.orders.structure import OrderKind, check_instant_ids, with_marks
 
 _MANY_NODES = Sentence("the order has {count} nodes, more than {most}")
@@ -257,8 +258,20 @@ class Intake:
                 execution.instant.forget_ended()
         return True
 
-    def take_instant_actions(self, identity: Identity, payload: bytes) -> bool:
-        """Accept or reject instant actions; return True."""
+    def take_stops(self, identity: Identity, payload: bytes) -> bool:
+        """Accept or reject instant actions, but ignore those that do not stop; return True."""
+        return self.take_instant_actions(identity, payload, {START_PAUSE, CANCEL_ORDER})
+
+    def take_instant_actions(
+        self, identity: Identity, payload: bytes, only: Set[str] | None = None
+    ) -> bool:
+        """Accept or reject instant actions; return True.
+
+        Args:
+            identity: manufacturer and serial number of the vehicle.
+            payload: the message.
+            only: types to accept, ignoring others; None to accept all.
+        """
         try:
             actions = read_instant_actions(payload, self._version, identity)
         except RejectedError as rejected:
@@ -266,7 +279,8 @@ class Intake:
             self.message_error = rejected.error
         else:
             self.message_error = None
-            self._execution.instant.receive(actions)
+            kept = [each for each in actions if only is None or each.type in only]
+            self._execution.instant.receive(kept)
         return True
 
     def refuse_zone_set(self, identity: Identity, payload: bytes) -> bool:

@@ -40,6 +40,8 @@ MAX_RECEIVED = 200
 _MAX_RECEIVED_SIZE = 16 * 2**20
 """Maximum size of all messages of one topic that wait to be handled, in bytes. A larger
 message is received if no other one waits."""
+_DRAIN = 1.0
+"""Time to read what came while this program stood still, in seconds."""
 _REFUSED = 0x80
 """Lowest result code of a subscription that the broker has refused."""
 _HINTS = (
@@ -122,6 +124,8 @@ class MqttConnection:
         client_id: id of the client; unique at the broker.
         last_will: returns the message that the broker publishes when the connection breaks.
         handlers: functions by topic, called with the payload of each message and its retain flag.
+        late_handlers: the same for messages that came while this program stood still; messages on
+            other topics are ignored then.
         on_connected: called after each connection, once messages can be published.
 
     Attributes:
@@ -134,12 +138,14 @@ class MqttConnection:
         client_id: str,
         last_will: Callable[[], Publication],
         handlers: Mapping[str, Callable[[bytes, bool], None]],
+        late_handlers: Mapping[str, Callable[[bytes, bool], None]],
         on_connected: Callable[[], None],
     ) -> None:
         self._broker = broker
         self._client_id = client_id
         self._last_will = last_will
         self._handlers = handlers
+        self._late_handlers = late_handlers
         self._on_connected = on_connected
         self._log = LogOnce(_LOG)
         self._outbox: asyncio.Queue[Publication] = asyncio.Queue()
@@ -241,39 +247,46 @@ class MqttConnection:
         """Handle messages until the connection ends.
 
         Raises:
-            MqttError: the connection is lost, or this program has stood still.
+            MqttError: the connection is lost.
         """
         async for message in client.messages:
-            self._check_awake()
-            self._handle(message)
+            self._handle(message, self._handlers if self._was_awake() else self._late_handlers)
             await asyncio.sleep(0)  # a flood of messages must not stop everything else
 
     async def _watch_for_stalls(self) -> None:
-        """Check once per second, also without messages, that this program has not stood still."""
-        while True:
-            self._check_awake()
-            await asyncio.sleep(1.0)
+        """Check once per second, also without messages, that this program has not stood still.
 
-    def _check_awake(self) -> None:
-        """Check that this program has not stood still, e.g. suspended, for too long.
+        Raises:
+            MqttError: it stood still, and what came meanwhile was read.
+        """
+        while self._was_awake():
+            await asyncio.sleep(1.0)
+        await asyncio.sleep(_DRAIN)
+        raise aiomqtt.MqttError(
+            "this program stood still; of what came meanwhile, only stops count"
+        )
+
+    def _was_awake(self) -> bool:
+        """Return False if this program has stood still, e.g. suspended, during the connection.
 
         Then the broker may have published the last will, and the messages that still come over the
         connection are old: a drive that they order may not be wanted any more.
-
-        Raises:
-            MqttError: it stood still; each later check raises this, too.
         """
         now = boot_time()
         # The broker waits for 1.5 keep-alive intervals. One may be over when the standstill begins,
         # so half an interval is left; a third is safe.
         if now - self._awake_at > self._broker.keepalive / 3:
-            raise aiomqtt.MqttError("this program stood still; what came meanwhile is ignored")
+            self._awake_at = -math.inf  # until the next connection
+            return False
         self._awake_at = now
+        return True
 
-    def _handle(self, message: aiomqtt.Message) -> None:
+    def _handle(
+        self, message: aiomqtt.Message, handlers: Mapping[str, Callable[[bytes, bool], None]]
+    ) -> None:
         """Pass a message to the handler of its topic; log an exception of the handler."""
         topic = message.topic.value
-        handler = self._handlers.get(topic)
+        handler = handlers.get(topic)
         if handler is None or not isinstance(message.payload, bytes | bytearray):
             return
         if not message.payload:  # somebody has removed a retained message from the broker

@@ -181,6 +181,7 @@ class Session:
         reports: messages of the vehicle, which are published over this session.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are ignored.
+        take_stops: called with instant actions that came while this program stood still.
         on_restored: called before connecting to the broker, with the content of the state file, and
             with an error if the file was damaged, otherwise with None.
         on_changed: called when another connector appears or disappears.
@@ -193,6 +194,7 @@ class Session:
         identity: Identity,
         reports: Reports,
         handlers: Mapping[Topic, Callable[[bytes], None]],
+        take_stops: Callable[[bytes], None],
         on_restored: Callable[[Record, VehicleError | None], None],
         on_changed: Callable[[], None],
     ) -> None:
@@ -201,6 +203,7 @@ class Session:
         self._identity = identity
         self._reports = reports
         self._handlers = handlers
+        self._take_stops = take_stops
         self._on_restored = on_restored
         self._on_changed = on_changed
         self._detector = OtherConnectorDetector(
@@ -268,11 +271,13 @@ class Session:
             for topic, handler in self._handlers.items()
             if topic in config.version.received
         }
+        take_stops = partial(self._handle, Topic.INSTANT_ACTIONS, self._take_stops)
         mqtt = MqttConnection(
             self._broker,
             client_id=self._name,
             last_will=reports.last_will,
             handlers={**handlers, reports.topic(Topic.CONNECTION): self._detector.received},
+            late_handlers={reports.topic(Topic.INSTANT_ACTIONS): take_stops},
             on_connected=self._connected,
         )
         reports.use(mqtt)

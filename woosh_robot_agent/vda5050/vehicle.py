@@ -107,6 +107,7 @@ class Vehicle:
             identity,
             self._reports,
             {topic: partial(self._received, take, identity) for topic, take in handlers.items()},
+            partial(self._received, self._intake.take_stops, identity),
             self._restore,
             self._update,
         )

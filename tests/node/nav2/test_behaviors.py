@@ -25,6 +25,7 @@ from tests.node.nav2.goals import (
     step,
 )
 from tests.node.test_parameters import change
+from woosh_robot_agent.motion.velocity_driver import VelocityDriver
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist as ChassisTwist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_msgs.msg import PoseSpeed
@@ -209,6 +210,29 @@ class TestAssistedTeleop:
         goal.feedback.wait(lambda _: True)
         preempt.publish(Empty())
         assert goal.result()[0] == SUCCEEDED
+
+    def test_the_watchdog_of_the_velocities_works_again_after_an_error(
+        self, own_robot: Robot, monkeypatch: pytest.MonkeyPatch, logs: Logs
+    ) -> None:
+        robot = own_robot
+        send, failures = VelocityDriver._send_due, iter([ZeroDivisionError("once")])
+
+        def fail_once(driver: VelocityDriver) -> None:
+            if driver._waiting is None:
+                for error in failures:
+                    raise error
+            send(driver)
+
+        monkeypatch.setattr(VelocityDriver, "_send_due", fail_once)
+        Nav2Client(robot, "assisted_teleop").feedback.wait(lambda _: True)
+        velocities = robot.publisher(Twist, "cmd_vel_teleop")
+        self.drive(velocities, robot)
+        logs.wait_text("assisted_teleop failed; restarting it")
+        wait_until(lambda: stands(robot.chassis), "the robot stands")
+        self.drive(velocities, robot)
+        wait_until(
+            lambda: robot.chassis.received[-1].message == ChassisTwist(), "the zero of silence"
+        )
 
     def test_it_ends_when_something_stops_the_robot(self, own_robot: Robot) -> None:
         robot = own_robot

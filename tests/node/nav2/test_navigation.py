@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import threading
+import time
 from itertools import pairwise
 from typing import Any
 
@@ -306,6 +308,20 @@ def test_waypoints_end_when_one_was_reached_during_a_loss_of_the_link(robot: Rob
     wait_until(lambda: stands(robot.chassis), "the robot stands")
     injected.clear()
     assert missed(goal.wait_aborted("waypoint 0 while the link")) == []
+    assert drives(robot) == [action_pb2.kExecute]
+
+
+def test_waypoints_end_when_one_was_reached_while_the_agent_stood_still(own_robot: Robot) -> None:
+    robot = own_robot  # because an agent that stood still refuses goals for a moment
+    robot.set_motion_timing(stall=0.5)
+    goal = driving(robot, "follow_waypoints", poses=[ahead(1.0), ahead(2.0)])
+    resumed = threading.Event()
+    robot.agent.agent.robot.thread.call(resumed.wait)
+    hurry(robot.chassis)
+    wait_until(lambda: distance_to(robot, 1.0) < 0.01, "the robot reaches the waypoint")
+    time.sleep(1.0)
+    resumed.set()
+    assert missed(goal.wait_aborted("the agent stood still")) == []
     assert drives(robot) == [action_pb2.kExecute]
 
 

@@ -183,12 +183,15 @@ class TestSpeedLimit:
         """The chassis takes a limit as its speed, so a high one would make the robot faster."""
 
         def last_sent(**fields: Any) -> float:
-            limit(**fields)
+            if fields:
+                limit(**fields)
             for distance in (0.5, 1.0):  # the first drive may begin before the limit comes
                 assert go(robot, distance).result()[0] == SUCCEEDED
             return self.sent(robot, CallAction)[-1]
 
         assert last_sent(percentage=True, speed_limit=40.0) == 0.4
+        assert change(robot, cmd_vel_max_linear=0.5) == (True, "")
+        assert last_sent() == 0.2, "a percentage of the present maximum"
         assert last_sent(percentage=True, speed_limit=250.0) == 0.0, "no limit"
         # that of cmd_vel says nothing about the speed of navigation
         assert change(robot, cmd_vel_max_linear=0.2) == (True, "")

@@ -174,9 +174,9 @@ class Nav2Goal:
         self._goal = goal
         self._feedback_class = nav2_action.action_type.Feedback
         self._context = nav2_action.context
-        self._published: float | None = goal.published
-        """Loop time at which the client sent the goal; None once the first command was sent, as
-        further commands are the agent's own."""
+        self._published = goal.published
+        """Loop time at which the client sent the goal, or later, at which the last command ended.
+        If the agent stood still until then, nobody may want the next command any more."""
         self._reason: asyncio.Future[GoalEnd] = loop.create_future()
         """Why the goal ends; done when something other than the chassis ends it."""
         self._chassis_goal: AgentGoal | None = None
@@ -280,7 +280,7 @@ class Nav2Goal:
         self.raise_if_ending()
         sent = asyncio.get_running_loop().time()
         chassis_goal = self._context.actions.start(command, on_report, self._published)
-        self._chassis_goal, self._published = chassis_goal, None
+        self._chassis_goal = chassis_goal
         chassis_goal.accepted.add_done_callback(self._decided)
         try:
             await self._repeat(tick, chassis_goal.ended, is_done)
@@ -288,7 +288,7 @@ class Nav2Goal:
             chassis_goal.cancel()
             raise
         finally:
-            self._chassis_goal = None
+            self._chassis_goal, self._published = None, asyncio.get_running_loop().time()
         if not chassis_goal.ended.done():
             return None
         end = chassis_goal.ended.result()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from nav2_msgs import action as nav2_actions
 
@@ -20,6 +21,7 @@ from woosh_robot_agent.ros.nav2.navigation import (
 from woosh_robot_agent.ros.nav2.planning import ComputePathThroughPoses, ComputePathToPose
 from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.nav2.servers import Costmaps, Lifecycle, MapServer
+from woosh_robot_agent.ros.standard.layer import keep_running
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D
 from woosh_robot_agent.ros.standard_endpoints import BY_NAME
@@ -69,7 +71,7 @@ class Nav2Layer:
         )
         self._teleop = AssistedTeleop(self._context)
         self._actions: list[Nav2Action] = [self._teleop]
-        SpeedLimit(standard, driving)
+        self._speed_limit = SpeedLimit(standard, driving)
 
     def start(self) -> None:
         """Create the other actions and the services, and start AssistedTeleop."""
@@ -80,7 +82,11 @@ class Nav2Layer:
         Lifecycle(standard)
         MapServer(standard)
         Costmaps(standard)
-        standard.robot.thread.spawn(self._teleop.run)
+        standard.robot.thread.spawn(partial(keep_running, self._teleop.run, self._teleop.name))
+
+    def settings_changed(self) -> None:
+        """Apply changed parameters. Call it in the link thread."""
+        self._speed_limit.settings_changed()
 
     @property
     def open_goals(self) -> int:

@@ -412,6 +412,8 @@ class SpeedLimit:
         self._context = context
         self._driving = driving
         self._log = LogOnce(_LOG)
+        self._message: Any = None
+        """The last message with a valid value; None before the first."""
         self._limiter = SpeedLimiter(
             robot.chassis,
             robot.gate,
@@ -420,12 +422,18 @@ class SpeedLimit:
         )
         context.subscribe("speed_limit", self._received)
 
+    def settings_changed(self) -> None:
+        """Limit the speed anew: a percentage refers to `cmd_vel_max_linear`."""
+        if self._message is not None:
+            self._received(self._message)
+
     def _received(self, message: Any) -> None:
         """Set a limit in m/s, or in percent of `cmd_vel_max_linear`; 0 stands for no limit."""
         value = message.speed_limit
         if not 0.0 <= value < math.inf:
             self._log.warn("value", f"speed_limit is ignored, because it is {value:g}")
             return
+        self._message = message
         max_linear = self._context.settings().velocity_limits.max_linear
         if message.percentage:
             limit = value / 100.0 * max_linear if value < 100.0 else math.inf

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from functools import partial
+from typing import Any
 
 from woosh_robot_agent.ros.standard.cmd_vel import CmdVel, Stop
 from woosh_robot_agent.ros.standard.diagnostics import Diagnostics
@@ -56,7 +57,8 @@ class StandardLayer:
     def start(self) -> None:
         """Start all parts. Thread-safe."""
         for part in self._parts:
-            self._context.robot.thread.spawn(partial(_keep_running, part))
+            run = partial(keep_running, part.run, type(part).__name__)
+            self._context.robot.thread.spawn(run)
 
     @property
     def map_to_odom(self) -> Pose2D | None:
@@ -72,12 +74,17 @@ class StandardLayer:
             part.close()
 
 
-async def _keep_running(part: Part) -> None:
-    """Run a part; after an unexpected error, log it and run the part again."""
+async def keep_running(run: Callable[[], Coroutine[Any, Any, None]], name: str) -> None:
+    """Run a coroutine function; after an unexpected error, log it and run it again.
+
+    Args:
+        run: the function.
+        name: name of what it runs, for the log.
+    """
     while True:
         try:
-            await part.run()
+            await run()
             return
         except Exception:
-            _LOG.exception("%s of the standard layer failed; restarting it", type(part).__name__)
+            _LOG.exception("%s failed; restarting it", name)
             await asyncio.sleep(_RESTART_DELAY)

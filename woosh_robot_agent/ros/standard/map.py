@@ -155,7 +155,7 @@ class Map(Part):
         await self._subscribers.repeat(lambda: _CHECK_RATE, self._check)
 
     async def _check(self, now: float) -> None:
-        """Request or publish the map if needed. Called only while there are subscribers."""
+        """Request or publish the map if needed."""
         self._growing.subscribe()
         if self._context.robot.chassis.state is not LinkState.READY:
             return
@@ -180,10 +180,19 @@ class Map(Part):
         self._published = None
         self._finished_maps += 1
         self._not_before = -math.inf
-        if self._shows_growing and not self._subscribers.present:
-            # a later subscriber must not get the unfinished map, which is latched
-            self._context.robot.thread.spawn(self._update)
-        self._shows_growing = False
+        if self._shows_growing:
+            self._context.robot.thread.spawn(self._replace_growing)
+
+    async def _replace_growing(self) -> None:
+        """Publish the scene's map also without subscribers.
+
+        A later subscriber must not get the unfinished map, which is latched.
+        """
+        clock = asyncio.get_running_loop().time
+        while self._shows_growing and not self._growing.active:
+            if not self._subscribers.present:  # else it is left to `_check`
+                await self._check(clock())
+            await asyncio.sleep(1.0 / _CHECK_RATE)
 
     async def _publish_growing(self) -> None:
         """Publish the last report of the map that the robot is making, if there is a new one."""
