@@ -193,6 +193,22 @@ async def test_what_is_not_used_is_skipped_and_logged_once(
         assert levels("the chassis reports: odd") == [logging.WARNING, logging.DEBUG]
 
 
+async def test_pushes_go_on_after_an_answer_that_its_tap_cannot_read() -> None:
+    async with linked() as (_peer, client, wire):
+        seen: list[Any] = []
+        client.subscribe(PoseSpeed, seen.append)
+        asked = asyncio.ensure_future(
+            client.request(PoseSpeed(), tap=lambda answer: seen.append(answer.raw.message()))
+        )
+        answer = await wire.next(POSE)
+        await wire.push(POSE)
+        await wire.answer(answer, {"mapId": "x"})
+        for _ in range(2):
+            await wire.push(POSE)
+        await soon(asked)
+        await eventually(lambda: len(seen) == 3)
+
+
 async def test_a_flood_keeps_its_order_and_each_status_code() -> None:
     async with linked() as (_peer, client, wire):
         codes: list[int] = []

@@ -21,15 +21,18 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 _LOG = logging.getLogger(__name__)
 
 
-def call_logged(callback: Callable[[Any], None], argument: object) -> None:
+def call_logged(
+    callback: Callable[[Any], None],
+    argument: object,
+    raised: tuple[type[Exception], ...] = (),
+) -> None:
     """Call a callback; log its exceptions, so that they do not end the caller's task.
 
-    Raises:
-        FrameError: the callback tried to read an invalid body.
+    Exceptions of the types in `raised` are raised instead.
     """
     try:
         callback(argument)
-    except FrameError:
+    except raised:
         raise
     except (Exception, asyncio.CancelledError):  # nothing is awaited: the callback raised it
         _LOG.exception("a callback failed")
@@ -324,7 +327,7 @@ class Subscriptions:
         """Call the consumers of a push, up to the first one that cannot read its body."""
         for consumer in tuple(self._consumers[body.type]):
             try:
-                call_logged(consumer.take, body)
+                call_logged(consumer.take, body, raised=(FrameError,))
             except FrameError:  # `_count_bad` has logged it
                 return
 
@@ -342,7 +345,8 @@ class Subscriptions:
         """Prepare a value in the thread for large messages, and call the consumers."""
         for consumer in tuple(consumers):
             try:
-                call_logged(consumer.callback, await aside(consumer.prepare, value))
+                prepared = await aside(consumer.prepare, value)
+                call_logged(consumer.callback, prepared, raised=(FrameError,))
             except FrameError:  # `_count_bad` has logged it
                 return
             except Exception:
