@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -17,6 +18,7 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 
 SCENE = FOLDER / "real_scene"
+SCENE_DATA = "woosh.map.SceneData"
 StartAgent = Callable[..., RunningAgent]
 
 
@@ -42,7 +44,7 @@ def test_mask_is_the_robots_picture(
     area = client.echo(OccupancyGrid, "map").wait_count(1)[0]
     assert mask.info == area.info
     assert mask.header.frame_id == area.header.frame_id == "map"
-    assert office.counts["woosh.map.SceneData"] == 1
+    assert office.counts[SCENE_DATA] == 1
 
 
 def test_map_without_keep_out_areas_has_an_empty_mask(agent: RunningAgent, client: Client) -> None:
@@ -50,6 +52,20 @@ def test_map_without_keep_out_areas_has_an_empty_mask(agent: RunningAgent, clien
     area = client.echo(OccupancyGrid, "map").wait_count(1)[0]
     assert mask.info == area.info
     assert not cells(mask).any()
+
+
+def test_a_map_that_costs_the_link_is_not_requested_at_once_again(
+    office: SimulatorThread, start_agent: StartAgent, client: Client
+) -> None:
+    """E.g. a map that exceeds `max_frame_size`: most of the time, there would be no link."""
+    agent = start_agent(ip="127.0.0.1", port=office.port)
+    office.mute(SCENE_DATA)
+    client.echo(OccupancyGrid, "map")
+    office.wait_received(SCENE_DATA)
+    office.drop()
+    agent.wait_connected(2)
+    time.sleep(1.5)  # maps are requested twice a second if nothing is against it
+    assert office.counts[SCENE_DATA] == 1
 
 
 def test_mask_that_cannot_be_read_does_not_withhold_the_map(

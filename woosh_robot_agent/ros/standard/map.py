@@ -15,6 +15,7 @@ from typing import NamedTuple
 from nav_msgs.msg import OccupancyGrid
 
 from woosh_robot_agent.link import Body, ChassisClient, FrameError, LinkError, LinkState
+from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
@@ -112,7 +113,9 @@ _LOG = logging.getLogger(__name__)
 _CHECK_RATE = 2.0
 """Rate of checking if a map has to be requested or published, in Hz."""
 _RETRY_DELAY = 10.0
-"""Delay before a failed request is retried, in seconds."""
+"""Delay before a failed request is retried, in seconds; it doubles each time."""
+_MAX_RETRY_DELAY = 300.0
+"""Longest such delay, in seconds. A map that exceeds `max_frame_size` costs the link each time."""
 
 
 class MapVersion(NamedTuple):
@@ -141,6 +144,7 @@ class Map(Part):
         """The map that the robot uses; None if unknown."""
         self._published: MapVersion | None = None
         """The scene's map that was published last; None if it has to be published again."""
+        self._retry = Backoff(_RETRY_DELAY, _MAX_RETRY_DELAY)
         self._not_before = -math.inf
         """Loop time before which the map is not requested again."""
         self._finished_maps = 0
@@ -172,14 +176,21 @@ class Map(Part):
             self._scene_reported(info.scene)
 
     def _scene_reported(self, scene: Scene) -> None:
-        self._used = MapVersion(scene.scene_name, scene.map_id, scene.map_name, scene.version)
+        used = MapVersion(scene.scene_name, scene.map_id, scene.map_name, scene.version)
+        if used != self._used:  # a new link reports it, too
+            self._used = used
+            self._request_soon()
+
+    def _request_soon(self) -> None:
+        """Request the scene's map at the next check."""
+        self._retry.reset()
         self._not_before = -math.inf
 
     def _map_finished(self) -> None:
         """Request the scene's map again: a new map can replace one with the same version."""
         self._published = None
         self._finished_maps += 1
-        self._not_before = -math.inf
+        self._request_soon()
         if self._shows_growing:
             self._context.robot.thread.spawn(self._replace_growing)
 
@@ -218,7 +229,7 @@ class Map(Part):
         used, finished = self._used, self._finished_maps
         if used is None:
             return
-        self._not_before = asyncio.get_running_loop().time() + _RETRY_DELAY
+        self._not_before = asyncio.get_running_loop().time() + self._retry.next()
         try:
             area = await scene_map(self._context.robot.chassis, used.scene, used.map_id, used.name)
         except (LinkError, MapError) as error:
@@ -234,6 +245,7 @@ class Map(Part):
         is_outdated = finished != self._finished_maps or used != self._used
         if is_outdated or self._growing.active:
             return
+        self._retry.reset()
         self._publisher.publish(message)
         if mask is not None:
             self._keepout_publisher.publish(mask)
