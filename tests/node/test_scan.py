@@ -18,6 +18,7 @@ from tf2_msgs.msg import TFMessage
 from tests.harness import wait_until
 from woosh_robot_agent.pb.robot.robot_pb2 import ScannerData
 from woosh_robot_agent.pb.util.common_pb2 import Vector3
+from woosh_robot_agent.ros.standard import scan as scan_part
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.simulator.world.laser import Laser
 
@@ -125,18 +126,23 @@ def test_ranges_out_of_range_are_infinite(simulator, agent, client, logs):
     assert all(each.range_max for each in received.messages)
 
 
-def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client):
+def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client, monkeypatch):
+    monkeypatch.setattr(scan_part, "_RETRY_DELAY", 0.1)
     change_scans(simulator, lambda scan: scan.offset.CopyFrom(Vector3(x=0.1, y=0.2, z=0.3)))
+    simulator.refuse(SCANNER, "the laser is being started")
     start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True, frame_prefix="a/")
     static = client.echo(TFMessage, "/tf_static")
+    simulator.wait_received(SCANNER, 2)
+    simulator.accept(SCANNER)
     (transform,) = static.wait_count(1)[0].transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("a/base_link", "a/laser")
     shift = transform.transform.translation
     assert (shift.x, shift.y, shift.z) == pytest.approx((0.1, 0.2, 0.3))
     assert transform.transform.rotation.w == 1.0
+    asked = simulator.counts[SCANNER]
     odom = client.echo_with(Odometry, "odom", QoSProfile(depth=100))
     odom.wait_count(10)  # meanwhile, five scans are due
-    assert simulator.counts[SCANNER] == 1, "one request is enough"
+    assert simulator.counts[SCANNER] == asked, "one good answer is enough"
 
 
 def test_tf_has_no_laser_if_the_chassis_does_not_report_its_pose(

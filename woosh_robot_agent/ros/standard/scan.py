@@ -29,12 +29,15 @@ _TIMEOUT = 1.0
 """Timeout of a request for a scan, in seconds. It replaces the parameter `poll_timeout`, by default
 10 s: after a lost answer, no scan would be requested for that time."""
 
+_RETRY_DELAY = 5.0
+"""Delay before the laser's pose is requested again, in seconds."""
+
 
 class Scan(Part):
     """Publishes scan at `scan_rate` while it has subscribers and the link is ready.
 
-    The chassis sends scans only on request. With `publish_laser_tf`, one scan is requested on each
-    new link. If that scan has the pose of the laser, the pose is published on /tf_static.
+    The chassis sends scans only on request. With `publish_laser_tf`, scans are requested on each
+    new link until one comes. If it has the pose of the laser, the pose is published on /tf_static.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -66,10 +69,19 @@ class Scan(Part):
 
     def _link_changed(self, state: LinkState) -> None:
         if self._tf_static is not None and state is LinkState.READY:
-            self._context.robot.thread.spawn(self._request)
+            self._context.robot.thread.spawn(self._request_pose)
 
-    async def _request(self) -> None:
-        """Request a scan; publish it and the laser's pose, as far as the parameters enable them."""
+    async def _request_pose(self) -> None:
+        """Request scans until one has been read, whose pose of the laser is then published."""
+        while self._context.robot.chassis.state is LinkState.READY and not await self._request():
+            await asyncio.sleep(_RETRY_DELAY)
+
+    async def _request(self) -> bool:
+        """Request a scan; publish it and the laser's pose, as far as the parameters enable them.
+
+        Returns:
+            True if the chassis has sent a valid scan.
+        """
         loop = asyncio.get_running_loop()
         sent = loop.time()
         try:
@@ -78,10 +90,10 @@ class Scan(Part):
             )
         except LinkError as error:
             self._log.warn("link", f"no scan: {error}")
-            return
+            return False
         if not answer.ok or answer.type != _TYPE:
             self._log.warn("refused", f"no scan: {answer.reason or answer.type}")
-            return
+            return False
         try:
             if self._tf_static is not None:
                 self._publish_laser_pose(self._tf_static, answer.raw.message())
@@ -91,11 +103,12 @@ class Scan(Part):
                 stamp = max(self._context.now_ns() - age, 0)  # simulated time begins at 0
                 self._scan.publish(self._fill_message(_CONVERTER.read(answer.raw), stamp))
         except FrameError:  # the link has counted and logged it
-            return
+            return False
         except ValueError as error:
             self._context.robot.chassis.count_bad_value(ScannerDataProto, f"no scan, {error}")
-            return
+            return False
         self._log.clear()
+        return True
 
     def _fill_message(self, data: ScannerData, stamp: int) -> LaserScan:
         """Set the values of a scan in `_reused`, and return it.
