@@ -658,7 +658,7 @@ class MotionGate:
         The cancels of the stop came too early, and had no effect on it.
         """
         _LOG.warning("what the last stop should have prevented has begun: cancelling it")
-        given = time.monotonic()
+        given = asyncio.get_running_loop().time()
         report = await self._send_stop(self.timing.effect)
         self._stop_answered = time.monotonic()  # now the rest of a set may begin
         if not report.success:
