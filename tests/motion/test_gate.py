@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 
 import pytest
 from google.protobuf.message import Message
@@ -392,22 +393,46 @@ async def test_a_late_start_that_is_not_cancelled_is_an_error(
         await eventually(lambda: "NOT STOPPED: cancel of task: Request failed" in caplog.text)
 
 
-async def begins_uncancelled(rig: Rig) -> None:
-    """Let task 7 begin, perhaps of another client; check that nothing is sent because of it."""
+async def begins_uncancelled(rig: Rig, task_id: int = 7) -> None:
+    """Let a task begin, perhaps of another client; check that nothing is sent because of it."""
     sent = len(types(rig.wire))
-    await rig.wire.push("woosh.robot.TaskProc", RUNNING)
-    await eventually(lambda: rig.gate.owner == "task 7")
+    await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "robotTaskId": str(task_id)})
+    await eventually(lambda: rig.gate.owner == f"task {task_id}")
     await turns()
     assert len(types(rig.wire)) == sent
 
 
-async def test_what_another_client_starts_after_a_stop_is_not_cancelled() -> None:
+@pytest.mark.parametrize("before", [6, 1719959961], ids=["a small id", "Unix seconds"])
+async def test_what_another_client_starts_after_a_stop_is_not_cancelled(before: int) -> None:
     async with gated(hold=0.0, effect=NEVER) as rig:
-        await ok(rig.gate.request(ExecTask(task_id=6)))
-        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "robotTaskId": "6"})
-        await eventually(lambda: rig.gate.owner == "task 6")
+        await ok(rig.gate.request(ExecTask(task_id=before)))
+        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "robotTaskId": str(before)})
+        await eventually(lambda: rig.gate.owner == f"task {before}")
         await soon(rig.gate.stop(TIMEOUT))
-        await begins_uncancelled(rig)
+        await begins_uncancelled(rig, before + 1)
+
+
+async def test_a_set_that_begins_again_after_a_stop_is_not_cancelled() -> None:
+    first, second = 171995996101, 171995996102
+    async with gated(hold=0.0, effect=NEVER) as rig:
+        await begins_uncancelled(rig, first)
+        await soon(rig.gate.stop(TIMEOUT))
+        await rig.wire.push("woosh.robot.TaskProc", {})
+        await eventually(lambda: not rig.gate.owner)
+        await ok(rig.gate.request(ExecPreTask(task_set_id=first // 100)))
+        await begins_uncancelled(rig, first)
+        await begins_uncancelled(rig, second)
+
+
+async def test_the_next_of_a_set_that_had_ended_before_a_stop_is_not_cancelled() -> None:
+    """E.g. after the stop of an idle robot."""
+    async with gated(hold=0.0, effect=0.0) as rig:
+        await begins_uncancelled(rig, 171995996101)
+        await rig.wire.push("woosh.robot.TaskProc", {})
+        await eventually(lambda: not rig.gate.owner)
+        await soon(rig.gate.stop(TIMEOUT))
+        rig.gate.timing = replace(rig.gate.timing, effect=NEVER)
+        await begins_uncancelled(rig, 171995996102)
 
 
 async def test_a_start_after_a_stop_that_ended_one_before_it_began_is_not_cancelled() -> None:

@@ -52,7 +52,7 @@ from woosh_robot_agent.link.subscriptions import call_logged
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.requests import commands_motion, may_move, started_by, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
-from woosh_robot_agent.motion.wheel_owner import ACTIONS, FOLLOW, TASKS_PER_SET, WheelOwner
+from woosh_robot_agent.motion.wheel_owner import ACTIONS, FOLLOW, WheelOwner
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
@@ -275,7 +275,7 @@ class MotionGate:
         """Number of the task that the chassis had accepted and not begun at the last stop, in
         `WheelOwner.acceptances`; 0 without one."""
         self._stopped_set = 0
-        """Id of the set of the last task before the last stop or late cancel; 0 without one."""
+        """Id of the set that the last stop or late cancel has ended; 0 without one."""
         self._stop_answered = -math.inf
         """Monotonic time at which the chassis had last answered all requests of a stop; infinite
         during a stop."""
@@ -354,7 +354,7 @@ class MotionGate:
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
-        self._stopped_set = self._reported_owner.task_id // TASKS_PER_SET
+        self._stopped_set = self._reported_owner.current_set(within=self.timing.effect)
         orders = cancel_orders()
         # each goes to the front of the queue, so the first one to send, the zero, is queued last
         queued = [*reversed(orders.values()), Twist()]
@@ -608,6 +608,8 @@ class MotionGate:
         self._starts[started] = starts[1:]  # the oldest one has begun
         # any of them may be what begins, so none may have been sent after the stop
         is_new = bool(starts) and starts[-1].sent > self._stop_called
+        if is_new and started == "task":
+            self._stopped_set = 0  # the set may have been started again
         if not is_new and (
             any(map(self._is_late, starts))
             or (started == "task" and (self._is_awaited_task() or self._is_next_of_set()))
@@ -648,7 +650,7 @@ class MotionGate:
         The cancel of a task ends only this task: real robots begin the next one of its set, or the
         same one if the set is repeated, about a second after the end.
         """
-        is_same = self._reported_owner.task_id // TASKS_PER_SET == self._stopped_set > 0
+        is_same = self._reported_owner.current_set() == self._stopped_set > 0
         # the cancel takes effect, and then the next task begins
         return is_same and time.monotonic() < self._stop_answered + 2 * self.timing.effect
 

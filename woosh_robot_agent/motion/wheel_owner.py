@@ -5,6 +5,8 @@ Driving needs the wheels; a lift moves without driving.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 
 from woosh_robot_agent.link import ChassisClient, LinkState
@@ -24,6 +26,9 @@ TASK = Sentence("task {id}")
 """Name of a task."""
 TASKS_PER_SET = 100
 """A task of a set is reported as the id of the set times this number, plus its id in the set."""
+_UNIX_SECONDS = range(10**9, 10**10)
+"""Ids that are a time in seconds; clients give them to single tasks. The id of a set is such a time
+too, so those of its tasks are higher."""
 
 _HELD_UP = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
 """States of an action held up by an obstacle or by traffic control."""
@@ -77,18 +82,20 @@ class WheelOwner:
     Attributes:
         name: name of the task or the actions that may drive the robot now; empty without any.
         acceptances: how often the robot has been seen to accept a task while it had none.
-        task_id: id of the task that was reported last, also if it has ended; 0 before the first.
     """
 
     def __init__(self, chassis: ChassisClient, on_start: Callable[[str, bool], None]) -> None:
         self._on_start = on_start
         self.name: str = ""
         self.acceptances = 0
-        self.task_id = 0
         self._state = 0
         """The last state of the robot."""
         self._task = TaskProc()
         """The last report on a task."""
+        self._task_id = 0
+        """Id of the task that was reported last, also if it has ended; 0 before the first."""
+        self._task_ended = -math.inf
+        """Monotonic time of the report of its end."""
         self._actions: set[str] = set()
         """Short names of the actions that are being executed."""
         chassis.on_snapshot(self._snapshot)
@@ -98,7 +105,7 @@ class WheelOwner:
         chassis.subscribe(Feedbacks, self._actions_reported)
 
     def moves(self, what: str) -> bool:
-        """Return True if something may move the robot: it is active, and no task that is paused.
+        """Return True if something may move the robot: it is active, and may drive on by itself.
 
         Args:
             what: "task", `FOLLOW`, or an action by its short name.
@@ -116,6 +123,16 @@ class WheelOwner:
         """True if the robot has accepted a task, and has not reported that it has begun."""
         return self._state in _WITH_TASK and not is_unfinished(self._task)
 
+    def current_set(self, within: float = 0.0) -> int:
+        """Return the id of the set whose task goes on, or has ended at most `within` seconds ago.
+
+        Returns:
+            0 if there is no such task, or if its id is that of a single task.
+        """
+        is_current = is_unfinished(self._task) or time.monotonic() < self._task_ended + within
+        is_single = self._task_id in _UNIX_SECONDS
+        return self._task_id // TASKS_PER_SET if is_current and not is_single else 0
+
     def _snapshot(self, info: RobotInfo) -> None:
         self._state_changed(info.state)
         self._task_changed(info.task_proc)
@@ -127,7 +144,9 @@ class WheelOwner:
     def _task_changed(self, report: TaskProc) -> None:
         """Note the state of the task; call `on_start` if it drives and did not before."""
         before, self._task = self._task, report
-        self.task_id = report.robot_task_id or self.task_id  # an empty report follows the end
+        self._task_id = report.robot_task_id or self._task_id  # an empty report follows the end
+        if is_unfinished(before) and not is_unfinished(report):
+            self._task_ended = time.monotonic()
         self._update_name()
         drove_before = may_drive(before) and before.robot_task_id == report.robot_task_id
         if may_drive(report) and not drove_before:
