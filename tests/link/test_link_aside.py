@@ -179,6 +179,31 @@ async def test_a_large_request_that_is_withdrawn_while_it_is_encoded_is_not_sent
         await soon(last)
 
 
+async def test_a_link_that_ends_before_its_robot_info_is_delivered_was_never_ready(
+    gate: threading.Event,
+) -> None:
+    """What is sent to the robot as soon as the link is ready, e.g. a zero, would be lost."""
+    async with Peer(info=body(info(POSES))) as peer:
+        client = peer.client()
+        states: list[LinkState] = []
+        began = threading.Event()
+
+        def prepare(_: RobotInfo) -> None:
+            began.set()
+            assert gate.wait(TIMEOUT)
+
+        client.on_snapshot(lambda _: None, prepare)
+        client.on_state(states.append)
+        client.start()
+        await eventually(began.is_set)
+        (await peer.wire()).abort()
+        await eventually(lambda: LinkState.WAITING in states)
+        assert LinkState.READY not in states
+        gate.set()
+        await eventually(lambda: LinkState.READY in states)
+        await client.close()
+
+
 @pytest.mark.parametrize("is_cancelled", [True, False])
 async def test_what_waits_behind_a_large_request_is_sent_when_that_is_given_up(
     is_cancelled: bool, gate: threading.Event
