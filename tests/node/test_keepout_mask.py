@@ -15,6 +15,7 @@ from tests.fact_files import FOLDER
 from tests.harness import Client, Logs, RunningAgent
 from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.ros.standard import map as map_part
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 
 SCENE = FOLDER / "real_scene"
@@ -55,9 +56,13 @@ def test_map_without_keep_out_areas_has_an_empty_mask(agent: RunningAgent, clien
 
 
 def test_a_map_that_costs_the_link_is_not_requested_at_once_again(
-    office: SimulatorThread, start_agent: StartAgent, client: Client
+    office: SimulatorThread,
+    start_agent: StartAgent,
+    client: Client,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """E.g. a map that exceeds `max_frame_size`: most of the time, there would be no link."""
+    monkeypatch.setattr(map_part, "_RETRY_DELAY", 3600.0)
     agent = start_agent(ip="127.0.0.1", port=office.port)
     office.mute(SCENE_DATA)
     client.echo(OccupancyGrid, "map")

@@ -14,7 +14,14 @@ from typing import NamedTuple
 
 from nav_msgs.msg import OccupancyGrid
 
-from woosh_robot_agent.link import Body, ChassisClient, FrameError, LinkError, LinkState
+from woosh_robot_agent.link import (
+    Body,
+    ChassisClient,
+    ConnectionLostError,
+    FrameError,
+    LinkError,
+    LinkState,
+)
 from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
@@ -113,9 +120,10 @@ _LOG = logging.getLogger(__name__)
 _CHECK_RATE = 2.0
 """Rate of checking if a map has to be requested or published, in Hz."""
 _RETRY_DELAY = 10.0
-"""Delay before a failed request is retried, in seconds; it doubles each time."""
+"""Delay before a failed request is retried, in seconds. It doubles each time if the link is lost
+meanwhile: a map that exceeds `max_frame_size` costs the link."""
 _MAX_RETRY_DELAY = 300.0
-"""Longest such delay, in seconds. A map that exceeds `max_frame_size` costs the link each time."""
+"""Longest such delay, in seconds."""
 
 
 class MapVersion(NamedTuple):
@@ -145,6 +153,9 @@ class Map(Part):
         self._published: MapVersion | None = None
         """The scene's map that was published last; None if it has to be published again."""
         self._retry = Backoff(_RETRY_DELAY, _MAX_RETRY_DELAY)
+        """Delays after requests during which the link was lost."""
+        self._costs_link = False
+        """True if the link was lost during the last request."""
         self._not_before = -math.inf
         """Loop time before which the map is not requested again."""
         self._finished_maps = 0
@@ -174,10 +185,12 @@ class Map(Part):
         self._log.clear()
         if info.HasField("scene"):
             self._scene_reported(info.scene)
+        if not self._costs_link:
+            self._request_soon()
 
     def _scene_reported(self, scene: Scene) -> None:
         used = MapVersion(scene.scene_name, scene.map_id, scene.map_name, scene.version)
-        if used != self._used:  # a new link reports it, too
+        if used != self._used:
             self._used = used
             self._request_soon()
 
@@ -229,10 +242,15 @@ class Map(Part):
         used, finished = self._used, self._finished_maps
         if used is None:
             return
-        self._not_before = asyncio.get_running_loop().time() + self._retry.next()
+        clock = asyncio.get_running_loop().time
+        self._not_before = clock() + _RETRY_DELAY
+        self._costs_link = False
         try:
             area = await scene_map(self._context.robot.chassis, used.scene, used.map_id, used.name)
         except (LinkError, MapError) as error:
+            if isinstance(error, ConnectionLostError):
+                self._not_before = clock() + self._retry.next()
+                self._costs_link = True
             self._log.warn("map", f"no map: {error}")
             return
         try:
