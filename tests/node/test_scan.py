@@ -145,6 +145,19 @@ def test_tf_has_the_pose_of_the_laser(simulator, start_agent, client, monkeypatc
     assert simulator.counts[SCANNER] == asked, "one good answer is enough"
 
 
+def test_the_pose_of_the_laser_is_not_requested_more_often_after_each_lost_link(
+    simulator, start_agent, client, monkeypatch
+):
+    monkeypatch.setattr(scan_part, "_RETRY_DELAY", 3600.0)
+    simulator.refuse(SCANNER, "the laser is broken")
+    agent = start_agent(ip="127.0.0.1", port=simulator.port, publish_tf=True)
+    simulator.wait_received(SCANNER, 1)
+    simulator.drop()
+    agent.wait_connected(2)
+    client.echo_with(Odometry, "odom", QoSProfile(depth=100)).wait_count(10)
+    assert simulator.counts[SCANNER] == 1
+
+
 def test_tf_has_no_laser_if_the_chassis_does_not_report_its_pose(
     simulator, start_agent, client, logs
 ):

@@ -56,6 +56,8 @@ class Scan(Part):
         """Pose of the laser on /tf_static; None before it was published."""
         self._laser_height = 0.0
         """Height of that pose, in metres."""
+        self._requests_pose = False
+        """True while `_request_pose` runs."""
         context.robot.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
@@ -73,8 +75,15 @@ class Scan(Part):
 
     async def _request_pose(self) -> None:
         """Request scans until one has been read, whose pose of the laser is then published."""
-        while self._context.robot.chassis.state is LinkState.READY and not await self._request():
-            await asyncio.sleep(_RETRY_DELAY)
+        if self._requests_pose:  # since an earlier link
+            return
+        self._requests_pose = True
+        chassis = self._context.robot.chassis
+        try:
+            while chassis.state is LinkState.READY and not await self._request():
+                await asyncio.sleep(_RETRY_DELAY)
+        finally:
+            self._requests_pose = False
 
     async def _request(self) -> bool:
         """Request a scan; publish it and the laser's pose, as far as the parameters enable them.
