@@ -41,7 +41,7 @@ _MAX_RECEIVED_SIZE = 16 * 2**20
 """Maximum size of all messages of one topic that wait to be handled, in bytes. A larger
 message is received if no other one waits."""
 _DRAIN = 1.0
-"""Time to read what came while this program stood still, in seconds."""
+"""Maximum time to read what came before the connection ends, in seconds."""
 _REFUSED = 0x80
 """Lowest result code of a subscription that the broker has refused."""
 _HINTS = (
@@ -229,13 +229,16 @@ class MqttConnection:
             self._awake_at = boot_time()
             _LOG.info("connected to the broker at %s:%d", broker.host, broker.port)
             self._on_connected()
+            reader = asyncio.create_task(self._read(client), name="mqtt reader")
             work = [
-                asyncio.create_task(self._read(client), name="mqtt reader"),
+                reader,
                 asyncio.create_task(self._send(client), name="mqtt sender"),
                 asyncio.create_task(self._watch_for_stalls(), name="mqtt stall watch"),
             ]
             try:
                 done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
+                # the reader ends when it has handled all that came, e.g. a pause
+                await asyncio.wait({reader}, timeout=_DRAIN)
                 for each in done:
                     each.result()  # raises the exception of the task
             finally:
@@ -257,11 +260,10 @@ class MqttConnection:
         """Check once per second, also without messages, that this program has not stood still.
 
         Raises:
-            MqttError: it stood still, and what came meanwhile was read.
+            MqttError: it stood still.
         """
         while self._was_awake():
             await asyncio.sleep(1.0)
-        await asyncio.sleep(_DRAIN)
         raise aiomqtt.MqttError(
             "this program stood still; of what came meanwhile, only stops count"
         )
