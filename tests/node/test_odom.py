@@ -101,7 +101,8 @@ def start_pose(simulator: SimulatorThread) -> Pose2D:
 def test_odom_follows_a_square(simulator, truth, connect, client):
     """Without predictions: each report is published, with its own pose."""
     begin = start_pose(simulator)
-    connect(odom_prediction=False)
+    connect()
+    assert change(client, odom_prediction=False) == (True, "")
     odom = odoms(client)
     first = odom.wait_count(1)[0]
     assert first.header.frame_id == "odom"

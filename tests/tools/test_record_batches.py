@@ -14,11 +14,13 @@ from websockets.frames import Opcode
 from tests.asynchronous import TIMEOUT
 from tests.tools.recordings import HEAD, numbered, recording, writer
 from woosh_robot_agent.tools.recording.files import Limits
+from woosh_robot_agent.tools.recording.proxy import ReadPace
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.streams import Direction, FrameRecorder, WebSocketParser
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
 COUNT = 500
+PERIOD = 0.005
 
 
 def wire(data: bytes) -> bytes:
@@ -106,3 +108,40 @@ async def test_a_slow_disk_delays_nobody_and_loses_nothing(tmp_path):
     recorder.close()
     file.close()
     assert (file.frames, file.lost) == (60, 0)
+
+
+async def test_reads_at_high_rates_are_delayed():
+    server = await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", 0)
+    _, stream = await asyncio.open_connection("127.0.0.1", server.sockets[0].getsockname()[1])
+    transport = stream.transport
+    clock = [100.0]
+    pace = ReadPace(transport, PERIOD, now=lambda: clock[0])
+
+    def free_reads(size: int, most: int) -> int:
+        """Return the number of reads that follow each other at once."""
+        for count in range(most):
+            waiting = pace.wait(size)
+            try:
+                waiting.send(None)
+            except StopIteration:
+                continue
+            waiting.close()
+            transport.resume_reading()
+            return count
+        return most
+
+    assert free_reads(100, 1000) == 20
+    assert free_reads(100_000, 1000) == 1000  # large ones are not delayed
+    assert free_reads(100, 1000) == 0
+    clock[0] += 1.0
+    assert free_reads(100, 1000) == 20
+    clock[0] += 3 * PERIOD
+    assert free_reads(100, 1000) == 2  # the read that was delayed counts
+    assert transport.is_reading()
+    waiting = asyncio.create_task(pace.wait(100))
+    await asyncio.sleep(0)
+    assert not transport.is_reading()
+    await waiting
+    assert transport.is_reading()
+    stream.close()
+    server.close()
