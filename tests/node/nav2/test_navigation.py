@@ -12,6 +12,7 @@ import pytest
 from builtin_interfaces.msg import Duration
 from std_srvs.srv import Trigger
 
+from tests.asynchronous import TIMEOUT
 from tests.harness import Logs, Robot, wait_until
 from tests.node.goals import (
     CALL_ACTION,
@@ -316,7 +317,7 @@ def test_waypoints_end_when_one_was_reached_while_the_agent_stood_still(own_robo
     robot.set_motion_timing(stall=0.5)
     goal = driving(robot, "follow_waypoints", poses=[ahead(1.0), ahead(2.0)])
     resumed = threading.Event()
-    robot.agent.agent.robot.thread.call(resumed.wait)
+    robot.agent.agent.robot.thread.call(resumed.wait, TIMEOUT)
     hurry(robot.chassis)
     wait_until(lambda: distance_to(robot, 1.0) < 0.01, "the robot reaches the waypoint")
     time.sleep(1.0)

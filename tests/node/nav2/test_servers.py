@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -135,15 +135,16 @@ def test_amcl_pose_follows_the_robot_and_each_initialpose(own_robot: Robot) -> N
 
 class TestSpeedLimit:
     @pytest.fixture
-    def limit(self, robot: Robot) -> Iterator[Callable[..., None]]:
-        """Function that publishes a limit, which is taken back at the end of the test."""
+    def robot(self, own_robot: Robot) -> Robot:
+        """An agent keeps its limit, so each test has its own."""
+        return own_robot
+
+    @pytest.fixture
+    def limit(self, robot: Robot) -> Callable[..., None]:
+        """Function that publishes a limit."""
         message = class_of("nav2_msgs/SpeedLimit")
         publisher = robot.publisher(message, "speed_limit", depth=1)
-        yield lambda **fields: publisher.publish(message(**fields))
-        publisher.publish(message())
-        assert publisher.wait_for_all_acked()
-        # an agent handles a message before a call that comes later
-        state(robot, "amcl")
+        return lambda **fields: publisher.publish(message(**fields))
 
     def sent(self, robot: Robot, kind: type[Any]) -> list[float]:
         """Return the limits that the chassis has got, in m/s."""
