@@ -47,6 +47,8 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 
 REASON = "the settings of the link have changed"
 
+EXEC_TASK = "woosh.robot.ExecTask"
+
 
 def is_zero(frame: Frame) -> bool:
     return frame["type"] == TWIST and "linear" not in frame["body"]
@@ -348,7 +350,7 @@ async def test_a_start_that_a_busy_chassis_executes_late_is_cancelled(
 
     async def chassis(wire: Wire, frame: Frame) -> bool:
         is_awaited = "sn" in frame and frame["type"] != "woosh.robot.RobotInfo"
-        if frame["type"] == "woosh.robot.ExecTask" and answers_start:
+        if frame["type"] == EXEC_TASK and answers_start:
             return await answer_all(wire, frame)
         if busy and is_awaited:
             held.append(frame)
@@ -422,6 +424,41 @@ async def test_a_set_that_begins_again_after_a_stop_is_not_cancelled() -> None:
         await ok(rig.gate.request(ExecPreTask(task_set_id=first // 100)))
         await begins_uncancelled(rig, first)
         await begins_uncancelled(rig, second)
+
+
+async def test_a_stopped_set_does_not_go_on_because_another_task_was_requested() -> None:
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        return frame["type"] != EXEC_TASK and await answer_all(wire, frame)
+
+    async with gated(chassis, hold=0.0, effect=NEVER) as rig:
+        await begins_uncancelled(rig, 171995996101)
+        await soon(rig.gate.stop(TIMEOUT))
+        await rig.wire.push("woosh.robot.TaskProc", {})
+        await eventually(lambda: not rig.gate.owner)
+        retry = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
+        frame = await rig.wire.next(EXEC_TASK)
+        sent = len(types(rig.wire))
+        for stops in (1, 2):
+            body = {"robotTaskId": f"17199599610{stops + 1}", "state": "kExecuting"}
+            await rig.wire.push("woosh.robot.TaskProc", body)
+            await eventually(lambda stops=stops: len(types(rig.wire)) == sent + stops * ORDERS)
+        await rig.wire.answer(frame, ok=False, msg="Task is excuting")
+        await soon(retry)
+
+
+async def test_a_velocity_that_was_held_back_is_not_sent_after_a_task_was_requested() -> None:
+    async with gated(answer_nothing, unanswered=0.0) as rig:
+        first = rig.drive(1)
+        frame = await rig.wire.next(TWIST)
+        held = rig.drive(2)
+        await turns()
+        starting = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
+        with pytest.raises(SupersededError, match="a task or an action drives"):
+            await soon(held)
+        await rig.wire.answer(await rig.wire.next(EXEC_TASK))
+        await rig.wire.answer(frame)
+        await soon(asyncio.gather(first, starting))
+        assert speeds(rig.wire) == [1]
 
 
 async def test_the_next_of_a_set_that_had_ended_before_a_stop_is_not_cancelled() -> None:

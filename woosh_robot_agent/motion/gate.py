@@ -166,6 +166,7 @@ _BEFORE_STOP = Sentence(
     "synchronise the clocks of the two computers"
 )()
 _CLOSING = Sentence("the agent is stopping")()
+_WHEELS_TAKEN = Sentence("a task or an action drives the robot")()
 _STALLED = Sentence(
     "the agent stood still for {seconds} s, and this may have been sent before that ended; send it "
     "again, and find out what holds up this computer"
@@ -493,6 +494,8 @@ class MotionGate:
             self._last_velocity = message
             if moves and self._chassis.state is LinkState.READY:
                 self._drives_until = time.monotonic() + self.timing.driving
+        if takes_wheels(message):
+            self._velocities.withdraw(_WHEELS_TAKEN)
         started, start = started_by(message), _Start(time.monotonic())
         if started:  # now, because the answer may be lost, or come after the report
             self._starts[started] = [*self._recent_starts(started), start]
@@ -609,7 +612,10 @@ class MotionGate:
         # any of them may be what begins, so none may have been sent after the stop
         is_new = bool(starts) and starts[-1].sent > self._stop_called
         if is_new and started == "task":
-            self._stopped_set = 0  # the set may have been started again
+            # a chassis answers a start before it reports the task
+            is_new = starts[-1].answered < math.inf or not self._is_next_of_set()
+            if is_new:
+                self._stopped_set = 0  # the set may have been started again
         if not is_new and (
             any(map(self._is_late, starts))
             or (started == "task" and (self._is_awaited_task() or self._is_next_of_set()))
@@ -617,6 +623,7 @@ class MotionGate:
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives:
             return
+        self._velocities.withdraw(_WHEELS_TAKEN)
         was_started_here = time.monotonic() < self._wheels_taken + self.timing.driving
         if was_started_here:
             # `_note_accepted` has ended the velocities before the start; one that was sent between

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 from collections.abc import Callable, Coroutine
@@ -13,7 +14,7 @@ from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState, 
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate
-from woosh_robot_agent.motion.wheel_owner import EXECUTING
+from woosh_robot_agent.motion.wheel_owner import EXECUTING, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, NavigationMode, kExecute
@@ -27,6 +28,8 @@ _LOG = logging.getLogger(__name__)
 _LIMIT_REFUSED = Sentence("the robot refused the speed limit of {limit} m/s: {reason}")
 _UNKNOWN = math.nan
 """Stands for an unknown limit: NaN differs from each limit, so the next one is sent."""
+_RETRY_AFTER = 1.0
+"""Time after which a limit that was not sent or not answered is sent again, in seconds."""
 _MOVE_BASE = full_name(MoveBase)
 _ACTION = -1
 """Stands for the action MoveBase in place of the id of a task."""
@@ -152,7 +155,8 @@ class SpeedLimiter:
 
     def _task_reported(self, report: TaskProc) -> None:
         """Note whether the task navigates, and send the limit if needed."""
-        if report.robot_task_id != self._task_id:
+        # a task that has ended may begin again with the same id
+        if report.robot_task_id != self._task_id or not is_unfinished(report):
             self._task_id = report.robot_task_id
             self._begin()
         self._task_navigates = (
@@ -218,7 +222,9 @@ class SpeedLimiter:
             if not isinstance(error, NotConnectedError):  # the link logs this itself
                 text = f"the speed limit was not sent or not answered: {error}"
                 self._log.warn(type(error).__name__, text)
-            self._note_sent(_UNKNOWN)  # sent again with the next report
+            self._note_sent(_UNKNOWN)
+            # a driving robot may report nothing more
+            asyncio.get_running_loop().call_later(_RETRY_AFTER, self._send)
             return
         self._log.clear()
         if answer.ok:
