@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from nav2_msgs.srv import LoadMap
 from std_srvs.srv import Trigger
 
 from tests.harness import Logs, Robot, wait_future
@@ -39,11 +40,12 @@ def speak(client: Any, text: str) -> Any:
 
 def test_every_response_of_a_stopping_agent_says_why() -> None:
     sent: list[Any] = []
-    for service in (Speak, Trigger):
+    for service in (Speak, Trigger, LoadMap):
         Reply(service.Response, lambda response, _: sent.append(response), None).fail(
             AgentStoppingError()
         )
     assert [sent[0].msg, sent[1].message] == 2 * ["the agent is stopping"]
+    assert sent[2].result == LoadMap.Response.RESULT_UNDEFINED_FAILURE, "a blank one is a success"
 
 
 def test_a_slow_call_holds_up_no_other(robot: Robot) -> None:
