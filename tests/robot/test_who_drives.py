@@ -70,6 +70,18 @@ async def test_tasks() -> None:
             assert rig.watch.who_drives.now() == Driver("nobody")
 
 
+async def test_a_task_whose_id_the_robot_has_chosen() -> None:
+    number = 172724740253
+    async with Rig(READY).running() as rig:
+        await rig.send(ExecTask(type=3), "robot/ExecTask")
+        await rig.push(TaskProc(), {"action": {}})
+        for name in ("robot/ExecTask", "the robot itself"):  # the second task is of nobody else
+            report = {**NAVIGATING, "robotTaskId": str(number), "type": 3, "time": number // 100}
+            await rig.push(TaskProc(), report)
+            assert rig.watch.who_drives.now().name == name
+            number += 100
+
+
 async def test_a_task_that_outlives_its_goal_is_not_of_another_client() -> None:
     async with Rig(READY).running() as rig:
         await rig.send(ExecTask(task_id=17))

@@ -220,6 +220,8 @@ _OWN_TASKS = {
 """Names of the tasks that a robot starts by itself, by type."""
 _MAX_TASKS = 50
 """Maximum number of the agent's tasks, and of its task sets, that are remembered."""
+_BEGINS_WITHIN = 3.0
+"""Time from the acceptance of a task within which the robot reports it, in seconds."""
 
 
 class Driver(NamedTuple):
@@ -261,6 +263,9 @@ class WhoDrives:
         self._goals = goals
         self._tasks: RecentDict[int, str] = RecentDict(_MAX_TASKS)
         """Sources of the tasks that the agent started, by id."""
+        self._without_id = "", -math.inf
+        """Source of the last accepted task whose id the robot chooses, and the monotonic time of its
+        acceptance; -inf once the task has been reported."""
         self._sets: RecentDict[int, str] = RecentDict(_MAX_TASKS)
         """Sources of the task sets that the agent started, by id."""
         self._follow_source = ""
@@ -340,7 +345,10 @@ class WhoDrives:
         if not command.answer.ok:
             return
         if isinstance(message, ExecTask):  # a goal sends its command without a source
-            self._tasks[message.task_id] = source or GOAL
+            if message.task_id:
+                self._tasks[message.task_id] = source or GOAL
+            else:
+                self._without_id = source or GOAL, time.monotonic()
         elif isinstance(message, ExecPreTask):
             self._sets[message.task_set_id] = source or GOAL
         elif isinstance(message, RepeatTask):
@@ -362,8 +370,15 @@ class WhoDrives:
             task: the report.
             unseen: True if the task may have begun before the link was ready.
         """
-        if task.robot_task_id != self._task.robot_task_id:
-            self._task, self._began_unseen = task, unseen
+        number = task.robot_task_id
+        if number == self._task.robot_task_id:
+            return
+        self._task, self._began_unseen = task, unseen
+        source, accepted = self._without_id
+        is_expected = time.monotonic() < accepted + _BEGINS_WITHIN
+        if number and is_expected and not unseen and number not in self._tasks:
+            self._tasks[number] = source
+            self._without_id = "", -math.inf
 
     def _pose_pushed(self, _body: Body) -> None:
         self._pose_time = time.monotonic()
