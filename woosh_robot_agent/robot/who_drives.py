@@ -264,8 +264,8 @@ class WhoDrives:
         self._tasks: RecentDict[int, str] = RecentDict(_MAX_TASKS)
         """Sources of the tasks that the agent started, by id."""
         self._without_id = "", -math.inf
-        """Source of the last accepted task whose id the robot chooses, and the monotonic time of its
-        acceptance; -inf once the task has been reported."""
+        """Source of the last accepted task whose id the robot chooses, and monotonic time of its
+        acceptance; -inf once it has been reported."""
         self._sets: RecentDict[int, str] = RecentDict(_MAX_TASKS)
         """Sources of the task sets that the agent started, by id."""
         self._follow_source = ""
