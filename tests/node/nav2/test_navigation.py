@@ -24,6 +24,7 @@ from tests.node.goals import (
     hurry,
     in_front,
     move_base,
+    replace_answers,
     slow_down,
     stop_time,
     task,
@@ -42,6 +43,7 @@ from tests.node.nav2.goals import (
     poses_field,
     stands,
 )
+from tests.node.test_parameters import change
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
@@ -310,6 +312,17 @@ def test_waypoints_end_when_one_was_reached_during_a_loss_of_the_link(robot: Rob
     injected.clear()
     assert missed(goal.wait_aborted("waypoint 0 while the link")) == []
     assert drives(robot) == [action_pb2.kExecute]
+
+
+def test_a_navigation_that_its_replacement_could_not_cancel_says_so(own_robot: Robot) -> None:
+    robot = own_robot
+    assert change(robot, goal_link_timeout=0.2) == (True, "")
+    robot.set_goal_timing(min_cancel_timeout=0.5)
+    slow_down(robot.chassis)
+    goal = driving(robot, "navigate_to_pose", pose=ahead(5.0))
+    replace_answers(robot.chassis, "woosh.ros.CallAction", ok=True)  # it has no effect
+    Nav2Client(robot, "spin", target_yaw=1.0)
+    goal.wait_aborted("the robot may still be executing it")
 
 
 def test_waypoints_end_when_one_was_reached_while_the_agent_stood_still(own_robot: Robot) -> None:

@@ -300,7 +300,7 @@ class Nav2Goal:
         if end.outcome is Outcome.CANCELED:
             await self._context.pose.wait_until_standing()
             raise reason
-        if str(reason) == _REPLACED:  # a newer navigation replaces this one without a cancel
+        if str(reason) == _REPLACED and not self.is_cancelled:  # a newer navigation replaces it
             raise reason
         # the cancel had no effect: the text of the failure says that the robot may go on
         raise await self._failure(end, sent)
