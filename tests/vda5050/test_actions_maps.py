@@ -14,11 +14,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from tests.asynchronous import eventually
+from tests.quick_chassis import edit_bodies
 from tests.vda5050.chassis_events import received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
+from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, SceneList, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
@@ -223,6 +224,45 @@ async def test_a_map_is_downloaded(site: Site, server: str) -> None:
     passed = ["INITIALIZING", "RUNNING", "FINISHED"]
     await eventually(lambda: statuses(site.recorder, "good")[-3:] == passed)
     assert site.chassis.counts[full_name(Upload)] == 2
+
+
+async def test_no_map_is_deleted_by_an_old_list(site: Site) -> None:
+    def hide_a_map(answer: SceneList) -> None:
+        for scene in answer.scenes:
+            if scene.name == "scenex":
+                scene.maps[:] = ["scenex2"]
+
+    show = edit_bodies(site.chassis, SceneList, hide_a_map)
+    async with site.online() as master:
+        await master.wait_state(maps)
+        show()  # as if somebody had just added the other map of the scene
+        site.chassis.refuse(full_name(SceneList), "Request failed")
+        master.instant(action("deleteMap", "d", mapId="scenex2", mapVersion="3"))
+        state = await master.status("d", "FAILED")
+        assert "did not send the list of its maps" in result_of(state, "d")
+    assert site.chassis.counts[full_name(Delete)] == 0
+
+
+async def test_a_downloaded_map_is_not_deleted_if_the_robot_does_not_list_it(
+    site: Site, server: str
+) -> None:
+    shed = {"mapId": "shed", "mapVersion": "4", "mapDownloadLink": f"{server}/shed.zip"}
+
+    answered: set[str] = set()
+
+    def refuse_list(out: Outgoing) -> list[Outgoing]:
+        answered.add(out.request)
+        refuses = out.request == full_name(SceneList) and full_name(Upload) in answered
+        return [replace(out, ok=False, msg="Request failed") if refuses else out]
+
+    site.chassis.intercept(refuse_list)
+    async with site.online() as master:
+        await master.wait_state(maps)
+        master.instant(action("downloadMap", "l", **shed))
+        state = await master.status("l", "FAILED")
+        assert "did not send the list of its maps" in result_of(state, "l")
+    assert site.chassis.counts[full_name(Upload)] == 1
+    assert site.chassis.counts[full_name(Delete)] == 0
 
 
 async def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:

@@ -50,6 +50,7 @@ _OTHER_FILE = Sentence("the file has {what}, not version {version} of {map}")
 _MAP = Sentence("map {map}")
 _MAP_OF_VERSION = Sentence("version {version} of the map {map}")
 _MISSING = Sentence("the robot has no {what}")
+_NO_LIST = Sentence("the robot did not send the list of its maps")
 _SEVERAL = Sentence("several scenes of the robot have {what}: {scenes}; rename one")
 
 _HASHES = {"sha256": 64, "sha1": 40, "md5": 32}
@@ -270,7 +271,7 @@ init_position, initialize_position = (
 async def delete_map(run: Run) -> None:
     """Delete a map on the robot."""
     maps = run.execution.maps
-    await maps.read()
+    await _read_list(run.execution)
     found = _find_one(run.execution, run.given["mapId"], run.given["mapVersion"])
     if _is_current(run.execution, found):
         raise ActionFailedError(_USED(map=found.name))
@@ -315,12 +316,12 @@ async def _download(run: Run) -> None:
 
     Raises:
         ActionFailedError: the robot has the map already, the file cannot be used, or the robot
-            refused it.
+            refused it, or to list its maps.
         LinkError: the robot could not be reached.
     """
     maps, given = run.execution.maps, run.given
     name, version = given["mapId"], given["mapVersion"]
-    await maps.read()
+    await _read_list(run.execution)
     if maps.find(name) or maps.of_scene(name):
         raise ActionFailedError(_EXISTS(map=name), ErrorType.DUPLICATE_MAP)
     run.report(ActionStatus.RUNNING)
@@ -328,7 +329,7 @@ async def _download(run: Run) -> None:
     files = await asyncio.to_thread(unpack, data)  # takes too long for the event loop
     file_datas = [FileData(name=each, data=content) for each, content in files.items()]
     await run.request(Upload(scene_name=name, file_datas=file_datas, method=Upload.kFull))
-    await maps.read()
+    await _read_list(run.execution)
     stored = [each for each in maps.of_scene(name) if each.name == name]
     # the version is empty if the robot does not report it
     if not stored or stored[0].version not in (version, ""):
@@ -336,6 +337,17 @@ async def _download(run: Run) -> None:
         await maps.read()
         what = _ITS_VERSION(version=stored[0].version) if stored else _NO_SUCH_MAP()
         raise ActionFailedError(_OTHER_FILE(what=what, version=version, map=name))
+
+
+async def _read_list(execution: Execution) -> None:
+    """Read the list of maps, where an old list could replace or delete the wrong maps.
+
+    Raises:
+        ActionFailedError: the robot did not send the list.
+        LinkError: the robot could not be reached.
+    """
+    if not await execution.maps.read():
+        raise ActionFailedError(_NO_LIST())
 
 
 def _find_one(execution: Execution, name: str, version: str | None) -> StoredMap:

@@ -87,8 +87,8 @@ class RobotMaps:
     def of_scene(self, scene: str) -> list[StoredMap]:
         return [each for each in self._maps or () if each.scene == scene]
 
-    async def read(self) -> None:
-        """Read the list of maps from the robot; keep the last list if the robot refuses.
+    async def read(self) -> bool:
+        """Read the list of maps from the robot; return False, and keep the last, if it refuses.
 
         Raises:
             LinkError: the robot did not answer.
@@ -96,7 +96,7 @@ class RobotMaps:
         answer = await self._link.ask(SceneList())
         if not isinstance(answer.body, SceneList) or not answer.ok:
             self._log.warn("list", f"the robot did not send the list of its maps: {answer.reason}")
-            return
+            return False
         self._log.clear()
         maps: list[StoredMap] = []
         for scene in answer.body.scenes:
@@ -105,6 +105,7 @@ class RobotMaps:
         if tuple(maps) != self._maps:
             self._maps = tuple(maps)
             self._link.changed()
+        return True
 
     async def _read_versions(self, scene: str) -> dict[str, str]:
         """Return the versions of the maps of a scene, by their names; {} if the robot refuses.
