@@ -158,6 +158,22 @@ async def test_a_position_on_another_map_is_initialised(site: Site) -> None:
     assert site.chassis.counts[full_name(InitRobot)] == 2
 
 
+async def test_a_position_is_kept_if_the_robot_refuses_to_send_its_pose(site: Site) -> None:
+    def refuse_pose(out: Outgoing) -> list[Outgoing]:
+        if out.type != full_name(PoseSpeed):
+            return [out]
+        return [replace(out, ok=False, body=PoseSpeed())] if out.request else []
+
+    site.chassis.intercept(refuse_pose)
+    async with site.online() as master:
+        await master.wait_state(maps)
+        master.instant(action("enableMap", "e", mapId="scenex", mapVersion="12"))
+        await master.status("e", "FINISHED")
+        master.instant(action("stateRequest", "s"))
+        state = await master.status("s", "FINISHED")
+        assert "agvPosition" in state
+
+
 async def test_an_order_goes_on_when_the_robot_has_reported_its_pose_on_the_map(site: Site) -> None:
     late: list[Release] = []
 

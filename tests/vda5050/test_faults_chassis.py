@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -47,6 +48,8 @@ SPEAK = "woosh.robot.Speak"
 SCENE_DATA = "woosh.map.SceneData"
 NEW = 30002
 """Id, and serial number, of the robot that replaces the other one."""
+FOREIGN = 7777
+"""Id of a task of another client."""
 Restart = Callable[..., SimulatorThread]
 
 
@@ -257,6 +260,28 @@ async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
         assert nodes_left(state) == "b"
     assert site.chassis.state.pose.x < 7.9
     assert site.chassis.counts[EXEC] == 1
+
+
+async def test_a_pause_does_not_hit_a_foreign_task_if_the_robot_refuses_to_tell_its_task(
+    site: Site,
+) -> None:
+    def refuse_to_tell(frame: Outgoing) -> list[Outgoing]:
+        if frame.request == full_name(TaskProc):
+            return [replace(frame, ok=False, body=TaskProc())]
+        is_own = isinstance(frame.body, TaskProc) and frame.body.robot_task_id != FOREIGN
+        return [] if is_own and not frame.request else [frame]
+
+    async with site.online(timing=Timing(pause_within=0.3)) as master:
+        await site.drive(master, then=0.02)
+        site.chassis.intercept(refuse_to_tell)
+        asked = site.chassis.counts[full_name(TaskProc)]
+        report = TaskProc(robot_task_id=FOREIGN, state=task_pb2.kExecuting)
+        site.chassis.call(lambda each: each.chassis.emit(report))
+        await eventually(lambda: site.chassis.counts[full_name(TaskProc)] > asked)
+        await asyncio.sleep(0.1)  # the answer arrives
+        master.instant(action("startPause", "p"))
+        await eventually(lambda: status_of(master.state, "p") in ("FAILED", "FINISHED"))
+        assert site.chassis.counts[ORDER] == 0
 
 
 @pytest.mark.parametrize("is_drive", [False, True])

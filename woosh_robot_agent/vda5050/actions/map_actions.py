@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
+from woosh_robot_agent.link import Answer
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -201,9 +202,12 @@ async def _read_pose(run: Run) -> None:
     Raises:
         LinkError: the robot could not be reached.
     """
-    answer = await run.link.ask(PoseSpeed())
-    if isinstance(answer.body, PoseSpeed):
-        run.execution.robot.remember_pose(answer.body)
+
+    def take_answer(answer: Answer) -> None:
+        if answer.ok and isinstance(answer.body, PoseSpeed):
+            run.execution.robot.remember_pose(answer.body)
+
+    await run.link.ask(PoseSpeed(), tap=take_answer)
 
 
 @vehicle_action(
