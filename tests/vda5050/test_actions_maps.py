@@ -33,15 +33,18 @@ maps:
 """
 
 
-def zipped(**files: bytes) -> bytes:
+def zipped(method: int = zipfile.ZIP_DEFLATED, /, **files: bytes) -> bytes:
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(buffer, "w", method) as archive:
         for name, content in files.items():
             archive.writestr(name.replace("_", "."), content)
     return buffer.getvalue()
 
 
 SHED = zipped(scene_yaml=SCENE)
+_LZMA = zipped(zipfile.ZIP_LZMA, a=b"abc" * 100)
+# the local header has 31 bytes with the name; then come 4 bytes, and the properties of LZMA
+DAMAGED_LZMA = _LZMA[:35] + b"\xff" + _LZMA[36:]
 
 
 @pytest.fixture
@@ -297,6 +300,7 @@ def test_only_usable_zip_files_are_unpacked() -> None:
     for data, reason in (
         (b"no ZIP file", "no usable ZIP file"),
         (SHED[:-40], "no usable ZIP file"),
+        (DAMAGED_LZMA, "no usable ZIP file"),
         (zipped(), "has 0 files"),
         (zipped(**{f"f{number}": b"" for number in range(201)}), "has 201 files"),
         (zipped(bomb=bytes(65 * 1024 * 1024)), "more than 67108864 bytes"),

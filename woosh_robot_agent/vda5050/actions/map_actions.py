@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import io
+import lzma
 import zipfile
 import zlib
 from pathlib import PurePosixPath
@@ -59,6 +60,7 @@ _HASHES = {"sha256": 64, "sha1": 40, "md5": 32}
 _ZIP_ERRORS = (
     zipfile.BadZipFile,
     zlib.error,
+    lzma.LZMAError,
     EOFError,
     NotImplementedError,
     OSError,
