@@ -101,6 +101,7 @@ class Site:
         self,
         broker: BrokerConfig | None = None,
         request_timeout: float = LinkConfig.request_timeout,
+        max_frame_size: int = LinkConfig.max_frame_size,
         **options: Any,
     ) -> AsyncIterator[None]:
         """Start a vehicle; the options are fields of `VehicleConfig`."""
@@ -109,6 +110,7 @@ class Site:
             port=self.chassis.port,
             backoff_max=1.0,
             request_timeout=request_timeout,
+            max_frame_size=max_frame_size,
         )
         default = replace(BrokerConfig.from_url(self.broker.url), backoff_max=1.0)
         vehicle = Vehicle(VehicleConfig(link, **options), broker or default)

@@ -14,11 +14,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from tests.asynchronous import eventually
+from tests.quick_chassis import edit_bodies
 from tests.vda5050.chassis_events import received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
+from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, SceneList, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
@@ -32,15 +33,18 @@ maps:
 """
 
 
-def zipped(**files: bytes) -> bytes:
+def zipped(method: int = zipfile.ZIP_DEFLATED, /, **files: bytes) -> bytes:
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(buffer, "w", method) as archive:
         for name, content in files.items():
             archive.writestr(name.replace("_", "."), content)
     return buffer.getvalue()
 
 
 SHED = zipped(scene_yaml=SCENE)
+_LZMA = zipped(zipfile.ZIP_LZMA, a=b"abc" * 100)
+# the local header has 31 bytes with the name; then come 4 bytes, and the properties of LZMA
+DAMAGED_LZMA = _LZMA[:35] + b"\xff" + _LZMA[36:]
 
 
 @pytest.fixture
@@ -157,6 +161,22 @@ async def test_a_position_on_another_map_is_initialised(site: Site) -> None:
     assert site.chassis.counts[full_name(InitRobot)] == 2
 
 
+async def test_a_position_is_kept_if_the_robot_refuses_to_send_its_pose(site: Site) -> None:
+    def refuse_pose(out: Outgoing) -> list[Outgoing]:
+        if out.type != full_name(PoseSpeed):
+            return [out]
+        return [replace(out, ok=False, body=PoseSpeed())] if out.request else []
+
+    site.chassis.intercept(refuse_pose)
+    async with site.online() as master:
+        await master.wait_state(maps)
+        master.instant(action("enableMap", "e", mapId="scenex", mapVersion="12"))
+        await master.status("e", "FINISHED")
+        master.instant(action("stateRequest", "s"))
+        state = await master.status("s", "FINISHED")
+        assert "agvPosition" in state
+
+
 async def test_an_order_goes_on_when_the_robot_has_reported_its_pose_on_the_map(site: Site) -> None:
     late: list[Release] = []
 
@@ -225,6 +245,45 @@ async def test_a_map_is_downloaded(site: Site, server: str) -> None:
     assert site.chassis.counts[full_name(Upload)] == 2
 
 
+async def test_no_map_is_deleted_by_an_old_list(site: Site) -> None:
+    def hide_a_map(answer: SceneList) -> None:
+        for scene in answer.scenes:
+            if scene.name == "scenex":
+                scene.maps[:] = ["scenex2"]
+
+    show = edit_bodies(site.chassis, SceneList, hide_a_map)
+    async with site.online() as master:
+        await master.wait_state(maps)
+        show()  # as if somebody had just added the other map of the scene
+        site.chassis.refuse(full_name(SceneList), "Request failed")
+        master.instant(action("deleteMap", "d", mapId="scenex2", mapVersion="3"))
+        state = await master.status("d", "FAILED")
+        assert "did not send the list of its maps" in result_of(state, "d")
+    assert site.chassis.counts[full_name(Delete)] == 0
+
+
+async def test_a_downloaded_map_is_not_deleted_if_the_robot_does_not_list_it(
+    site: Site, server: str
+) -> None:
+    shed = {"mapId": "shed", "mapVersion": "4", "mapDownloadLink": f"{server}/shed.zip"}
+
+    answered: set[str] = set()
+
+    def refuse_list(out: Outgoing) -> list[Outgoing]:
+        answered.add(out.request)
+        refuses = out.request == full_name(SceneList) and full_name(Upload) in answered
+        return [replace(out, ok=False, msg="Request failed") if refuses else out]
+
+    site.chassis.intercept(refuse_list)
+    async with site.online() as master:
+        await master.wait_state(maps)
+        master.instant(action("downloadMap", "l", **shed))
+        state = await master.status("l", "FAILED")
+        assert "did not send the list of its maps" in result_of(state, "l")
+    assert site.chassis.counts[full_name(Upload)] == 1
+    assert site.chassis.counts[full_name(Delete)] == 0
+
+
 async def test_a_redirection_to_a_local_file_is_not_followed(server: str) -> None:
     with pytest.raises(ActionFailedError, match="cannot be fetched"):
         await fetch(f"{server}/away")
@@ -241,6 +300,7 @@ def test_only_usable_zip_files_are_unpacked() -> None:
     for data, reason in (
         (b"no ZIP file", "no usable ZIP file"),
         (SHED[:-40], "no usable ZIP file"),
+        (DAMAGED_LZMA, "no usable ZIP file"),
         (zipped(), "has 0 files"),
         (zipped(**{f"f{number}": b"" for number in range(201)}), "has 201 files"),
         (zipped(bomb=bytes(65 * 1024 * 1024)), "more than 67108864 bytes"),

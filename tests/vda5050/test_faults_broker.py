@@ -13,6 +13,7 @@ import pytest
 
 from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
+from tests.vda5050.broker import Mosquitto
 from tests.vda5050.conftest import EXEC, LEG, Site
 from tests.vda5050.master import START, Master, action, error_types, node, nodes_left, status_of
 from tests.vda5050.programs import running_connector
@@ -94,6 +95,28 @@ async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
     said = [each.getMessage() for each in caplog.records if each.levelno >= logging.WARNING]
     assert said
     assert all(each.startswith("no connection to the broker") for each in said), said
+
+
+async def test_a_connection_to_a_broker_that_hangs_can_be_ended(broker: Mosquitto) -> None:
+    connection = MqttConnection(
+        BrokerConfig.from_url(broker.url),
+        "hanging",
+        lambda: Publication("will", "gone"),
+        {"order": lambda payload, retained: None},
+        {},
+        lambda: None,
+    )
+    running = asyncio.create_task(connection.run())
+    await eventually(lambda: connection.connected)
+    with broker.frozen():
+        connection.publish(Publication("state", "x" * 30_000_000))  # fills the send buffer
+        await asyncio.sleep(0.5)
+        running.cancel()
+        await asyncio.wait({running}, timeout=15.0)
+        has_ended = running.done()
+    running.cancel()
+    await asyncio.wait({running})
+    assert has_ended
 
 
 async def test_a_connection_that_is_given_up_while_it_begins_is_closed() -> None:

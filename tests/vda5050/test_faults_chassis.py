@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -29,6 +30,7 @@ from tests.vda5050.master import (
 )
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import LARGE
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneList
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.ros import action_pb2
@@ -46,6 +48,8 @@ SPEAK = "woosh.robot.Speak"
 SCENE_DATA = "woosh.map.SceneData"
 NEW = 30002
 """Id, and serial number, of the robot that replaces the other one."""
+FOREIGN = 7777
+"""Id of a task of another client."""
 Restart = Callable[..., SimulatorThread]
 
 
@@ -256,6 +260,28 @@ async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
         assert nodes_left(state) == "b"
     assert site.chassis.state.pose.x < 7.9
     assert site.chassis.counts[EXEC] == 1
+
+
+async def test_a_pause_does_not_hit_a_foreign_task_if_the_robot_refuses_to_tell_its_task(
+    site: Site,
+) -> None:
+    def refuse_to_tell(frame: Outgoing) -> list[Outgoing]:
+        if frame.request == full_name(TaskProc):
+            return [replace(frame, ok=False, body=TaskProc())]
+        is_own = isinstance(frame.body, TaskProc) and frame.body.robot_task_id != FOREIGN
+        return [] if is_own and not frame.request else [frame]
+
+    async with site.online(timing=Timing(pause_within=0.3)) as master:
+        await site.drive(master, then=0.02)
+        site.chassis.intercept(refuse_to_tell)
+        asked = site.chassis.counts[full_name(TaskProc)]
+        report = TaskProc(robot_task_id=FOREIGN, state=task_pb2.kExecuting)
+        site.chassis.call(lambda each: each.chassis.emit(report))
+        await eventually(lambda: site.chassis.counts[full_name(TaskProc)] > asked)
+        await asyncio.sleep(0.1)  # the answer arrives
+        master.instant(action("startPause", "p"))
+        await eventually(lambda: status_of(master.state, "p") in ("FAILED", "FINISHED"))
+        assert site.chassis.counts[ORDER] == 0
 
 
 @pytest.mark.parametrize("is_drive", [False, True])
@@ -478,14 +504,28 @@ async def test_the_order_of_another_robot_is_dropped_after_a_restart(
     assert replacement.counts[EXEC] == 0
 
 
-async def test_marks_that_the_robot_did_not_send_are_requested_again(site: Site) -> None:
-    site.chassis.mute(SCENE_DATA)
+MARKED = [
+    node("a", 0, *START),
+    {"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []},
+]
+"""Nodes of an order; the position of the second one is that of a mark of the robot."""
+
+
+@pytest.mark.parametrize("answer", ["none", "refusal", "other type"])
+async def test_marks_that_the_robot_did_not_send_are_requested_again(
+    site: Site, answer: str
+) -> None:
+    if answer == "none":
+        site.chassis.mute(SCENE_DATA)
+    elif answer == "refusal":
+        site.chassis.refuse(SCENE_DATA, "Request failed")
+    else:
+        site.chassis.answer_as(SCENE_DATA, full_name(RobotInfo))
     timing = Timing(ask_again_after=0.1, minimum_timeouts={})
     async with site.online(request_timeout=1.0, timing=timing) as master:
         await eventually(lambda: site.chassis.counts[SCENE_DATA] >= 2)
         site.chassis.accept(SCENE_DATA)
-        nodes = [node("a", 0, *START)]
-        nodes.append({"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []})
+        nodes = MARKED
         await master.order_until_accepted(nodes)
         # the marks are those of another scene now, in which the robot knows no K10
         master.instant(action("enableMap", "map", mapId="scenex", mapVersion="12"))
@@ -494,3 +534,37 @@ async def test_marks_that_the_robot_did_not_send_are_requested_again(site: Site)
         master.instant(action("stateRequest", "last"))
         state = await master.status("last", "FINISHED")
         assert error_types(state) == []
+
+
+async def test_a_list_of_maps_that_the_robot_refused_is_requested_again(site: Site) -> None:
+    site.chassis.refuse(full_name(SceneList), "Request failed")
+    async with site.online(timing=Timing(ask_again_after=0.1)) as master:
+        await eventually(lambda: site.chassis.counts[full_name(SceneList)] >= 2)
+        site.chassis.accept(full_name(SceneList))
+        await master.wait_state(lambda state: state.get("maps"))
+
+
+async def test_marks_that_the_robot_refused_are_requested_at_once_after_a_reconnect(
+    site: Site,
+) -> None:
+    site.chassis.refuse(SCENE_DATA, "Request failed")
+    async with site.online(timing=Timing(ask_again_after=200.0)) as master:
+        await eventually(lambda: site.chassis.counts[SCENE_DATA])
+        site.chassis.accept(SCENE_DATA)
+        async with site.without_link(master):
+            pass
+        await master.order_until_accepted(MARKED)
+
+
+async def test_a_scene_that_is_too_large_does_not_cost_the_link_each_time(site: Site) -> None:
+    edit_bodies(site.chassis, SceneData, lambda scene: scene.maps.add(name="x" * 2**20))
+    timing = Timing(ask_again_after=200.0)
+    async with site.online(max_frame_size=2**19, timing=timing) as master:
+        await master.error("robotConnectionError")
+        await master.wait_state(is_connected)
+        master.order(LEG)
+        await master.reached("b")
+        assert site.chassis.counts[SCENE_DATA] == 1
+        # another scene may be smaller
+        master.instant(action("enableMap", "map", mapId="scenex", mapVersion="12"))
+        await eventually(lambda: site.chassis.counts[SCENE_DATA] == 2)

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import TracebackType
 from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
@@ -308,11 +309,11 @@ class MqttConnection:
 
 
 class _Client(aiomqtt.Client):
-    """The client of aiomqtt, without three errors of its release 2.5.1.
+    """The client of aiomqtt, without four errors of its release 2.5.1.
 
     aiomqtt watches a socket that was closed meanwhile, and stores the reason of a lost connection
-    where nobody reads it: asyncio logs tracebacks of both. And aiomqtt keeps a connection open that
-    was cancelled while it began.
+    where nobody reads it: asyncio logs tracebacks of both. aiomqtt keeps a connection open that was
+    cancelled while it began, and a cancellation is lost if the broker does not take the DISCONNECT.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -328,6 +329,18 @@ class _Client(aiomqtt.Client):
         except BaseException:
             self._client.disconnect()
             raise
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            await super().__aexit__(kind, error, traceback)
+        except aiomqtt.MqttError:
+            if error is None:
+                raise  # otherwise the error or cancellation inside the block counts
 
     def _on_disconnect(self, *args: Any, **kwargs: Any) -> None:
         if not self._connected.cancelled():  # aiomqtt would set the result of a cancelled future

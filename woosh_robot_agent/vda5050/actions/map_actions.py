@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import io
+import lzma
 import zipfile
 import zlib
 from pathlib import PurePosixPath
@@ -12,6 +13,7 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
+from woosh_robot_agent.link import Answer
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -50,6 +52,7 @@ _OTHER_FILE = Sentence("the file has {what}, not version {version} of {map}")
 _MAP = Sentence("map {map}")
 _MAP_OF_VERSION = Sentence("version {version} of the map {map}")
 _MISSING = Sentence("the robot has no {what}")
+_NO_LIST = Sentence("the robot did not send the list of its maps")
 _SEVERAL = Sentence("several scenes of the robot have {what}: {scenes}; rename one")
 
 _HASHES = {"sha256": 64, "sha1": 40, "md5": 32}
@@ -57,6 +60,7 @@ _HASHES = {"sha256": 64, "sha1": 40, "md5": 32}
 _ZIP_ERRORS = (
     zipfile.BadZipFile,
     zlib.error,
+    lzma.LZMAError,
     EOFError,
     NotImplementedError,
     OSError,
@@ -200,9 +204,12 @@ async def _read_pose(run: Run) -> None:
     Raises:
         LinkError: the robot could not be reached.
     """
-    answer = await run.link.ask(PoseSpeed())
-    if isinstance(answer.body, PoseSpeed):
-        run.execution.robot.remember_pose(answer.body)
+
+    def take_answer(answer: Answer) -> None:
+        if answer.ok and isinstance(answer.body, PoseSpeed):
+            run.execution.robot.remember_pose(answer.body)
+
+    await run.link.ask(PoseSpeed(), tap=take_answer)
 
 
 @vehicle_action(
@@ -270,7 +277,7 @@ init_position, initialize_position = (
 async def delete_map(run: Run) -> None:
     """Delete a map on the robot."""
     maps = run.execution.maps
-    await maps.read()
+    await _read_list(run.execution)
     found = _find_one(run.execution, run.given["mapId"], run.given["mapVersion"])
     if _is_current(run.execution, found):
         raise ActionFailedError(_USED(map=found.name))
@@ -315,12 +322,12 @@ async def _download(run: Run) -> None:
 
     Raises:
         ActionFailedError: the robot has the map already, the file cannot be used, or the robot
-            refused it.
+            refused it, or to list its maps.
         LinkError: the robot could not be reached.
     """
     maps, given = run.execution.maps, run.given
     name, version = given["mapId"], given["mapVersion"]
-    await maps.read()
+    await _read_list(run.execution)
     if maps.find(name) or maps.of_scene(name):
         raise ActionFailedError(_EXISTS(map=name), ErrorType.DUPLICATE_MAP)
     run.report(ActionStatus.RUNNING)
@@ -328,7 +335,7 @@ async def _download(run: Run) -> None:
     files = await asyncio.to_thread(unpack, data)  # takes too long for the event loop
     file_datas = [FileData(name=each, data=content) for each, content in files.items()]
     await run.request(Upload(scene_name=name, file_datas=file_datas, method=Upload.kFull))
-    await maps.read()
+    await _read_list(run.execution)
     stored = [each for each in maps.of_scene(name) if each.name == name]
     # the version is empty if the robot does not report it
     if not stored or stored[0].version not in (version, ""):
@@ -336,6 +343,17 @@ async def _download(run: Run) -> None:
         await maps.read()
         what = _ITS_VERSION(version=stored[0].version) if stored else _NO_SUCH_MAP()
         raise ActionFailedError(_OTHER_FILE(what=what, version=version, map=name))
+
+
+async def _read_list(execution: Execution) -> None:
+    """Read the list of maps, where an old list could replace or delete the wrong maps.
+
+    Raises:
+        ActionFailedError: the robot did not send the list.
+        LinkError: the robot could not be reached.
+    """
+    if not await execution.maps.read():
+        raise ActionFailedError(_NO_LIST())
 
 
 def _find_one(execution: Execution, name: str, version: str | None) -> StoredMap:

@@ -99,8 +99,8 @@ class Timing:
         repeat_after: time after which a command that stops the robot is repeated if it had no
             effect, in seconds.
         pause_within: maximum time until the robot has paused or resumed everything, in seconds.
-        ask_again_after: pause before maps and marks are requested again after a request without an
-            answer, in seconds.
+        ask_again_after: first pause before maps and marks are requested again after a failure, in
+            seconds; it doubles with each failure.
         minimum_timeouts: minimum timeouts of slow requests, in seconds, by protobuf full name.
     """
 

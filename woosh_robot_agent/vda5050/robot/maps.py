@@ -7,7 +7,8 @@ import logging
 import math
 from dataclasses import dataclass
 
-from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.link import ConnectionLostError, LinkError
+from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneDataEasy, SceneList
 from woosh_robot_agent.pb.map.mark_pb2 import Pose
@@ -17,6 +18,8 @@ from woosh_robot_agent.vda5050.messages.state import Map
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
+_MAX_RETRY_DELAY = 300.0
+"""Longest pause before maps and marks are requested again, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,8 @@ class StoredMap:
 class RobotMaps:
     """The maps on the robot, and the marks of its scene. Used in the event loop of the link.
 
-    Maps and marks are read at each connection, and when the robot's map changes.
+    Maps and marks are read at each connection, and when the robot's map changes; after a failure,
+    again and again, ever more rarely.
 
     Attributes:
         downloading: lock that allows one download at a time.
@@ -52,6 +56,12 @@ class RobotMaps:
         """Name of the robot's scene; empty if it has none, or before its first report."""
         self._marks: dict[tuple[str, str], NodePosition] = {}
         """Positions of the marks, by the id of the map and the number of the mark."""
+        self._retry = Backoff(link.timing.ask_again_after, _MAX_RETRY_DELAY)
+        """Pauses after failed requests."""
+        self._costs_link = False
+        """True if the link was lost during the last request, e.g. because a scene is too large."""
+        self._not_before = -math.inf
+        """Loop time before which maps and marks are not requested again."""
         self._log = LogOnce(_LOG)
         link.chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
         link.chassis.subscribe(Scene, self._scene_reported)
@@ -87,8 +97,8 @@ class RobotMaps:
     def of_scene(self, scene: str) -> list[StoredMap]:
         return [each for each in self._maps or () if each.scene == scene]
 
-    async def read(self) -> None:
-        """Read the list of maps from the robot; keep the last list if the robot refuses.
+    async def read(self) -> bool:
+        """Read the list of maps from the robot; return False, and keep the last, if it refuses.
 
         Raises:
             LinkError: the robot did not answer.
@@ -96,8 +106,8 @@ class RobotMaps:
         answer = await self._link.ask(SceneList())
         if not isinstance(answer.body, SceneList) or not answer.ok:
             self._log.warn("list", f"the robot did not send the list of its maps: {answer.reason}")
-            return
-        self._log.clear()
+            return False
+        self._log.clear("list")
         maps: list[StoredMap] = []
         for scene in answer.body.scenes:
             versions = await self._read_versions(scene.name)
@@ -105,6 +115,7 @@ class RobotMaps:
         if tuple(maps) != self._maps:
             self._maps = tuple(maps)
             self._link.changed()
+        return True
 
     async def _read_versions(self, scene: str) -> dict[str, str]:
         """Return the versions of the maps of a scene, by their names; {} if the robot refuses.
@@ -119,38 +130,51 @@ class RobotMaps:
 
     def _scene_reported(self, scene: Scene) -> None:
         """Read maps and marks again; if this is under way already, begin anew."""
-        if scene.scene_name != self._scene:
+        is_other = scene.scene_name != self._scene
+        if is_other:
             self._scene, self._marks = scene.scene_name, {}
+        if is_other or not self._costs_link:
+            self._request_soon()
         self._link.background.start(self._refresh(), self)
 
+    def _request_soon(self) -> None:
+        self._retry.reset()
+        self._costs_link = False
+        self._not_before = -math.inf
+
     async def _refresh(self) -> None:
-        """Read maps and marks; try again until the robot answers or the link is lost."""
+        """Read maps and marks; try again until the robot sends them or the link is lost."""
+        clock = asyncio.get_running_loop().time
         while True:
+            await asyncio.sleep(self._not_before - clock())
             try:
                 await self._link.wait_ready()
-                await self.read()
-                await self._read_marks(self._scene)
+                self._costs_link = False
+                is_listed = await self.read()
+                if await self._read_marks(self._scene) and is_listed:
+                    self._request_soon()
+                    self._log.clear()
+                    return
             except LinkError as error:
-                if not self._link.ready:
-                    return  # maps and marks are read again after a reconnect
+                self._costs_link |= isinstance(error, ConnectionLostError)
                 self._log.warn("maps", f"the maps and marks are unknown for now: {error}")
-            else:
-                return
-            await asyncio.sleep(self._link.timing.ask_again_after)
+            self._not_before = clock() + self._retry.next()
+            if not self._link.ready:
+                return  # maps and marks are read again after a reconnect
 
-    async def _read_marks(self, scene: str) -> None:
-        """Read the marks of a scene from the robot; keep the last ones if the robot refuses.
+    async def _read_marks(self, scene: str) -> bool:
+        """Read the marks of a scene; return False, and keep the last ones, if the robot refuses.
 
         Raises:
             LinkError: the robot did not answer.
         """
         if not scene:
-            return
+            return True
         answer = await self._link.ask(SceneData(name=scene))
         if not answer.ok or not isinstance(answer.body, SceneData):
             text = f"the marks of scene {scene} are unknown, because the robot sent none"
             self._log.warn("marks", f"{text}: {answer.reason}")
-            return
+            return False
         self._marks = {}
         for each in answer.body.maps:
             map_id = each.name or str(each.id)
@@ -158,6 +182,7 @@ class RobotMaps:
                 if (place := _place(mark.pose, map_id)) is not None:
                     self._marks[map_id, mark.identity.no] = place
         self._link.changed()
+        return True
 
 
 def _place(pose: Pose, map_id: str) -> NodePosition | None:

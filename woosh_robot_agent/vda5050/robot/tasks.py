@@ -363,7 +363,7 @@ class TaskRunner:
         """
 
         def take_answer(answer: Answer) -> None:
-            if isinstance(answer.body, TaskProc):
+            if answer.ok and isinstance(answer.body, TaskProc):
                 self._update_foreign_id(answer.body)
                 if answer.body.robot_task_id == task_id == self.id:
                     self._handle_report(answer.body)
