@@ -236,8 +236,9 @@ class OrderMachine:
         horizon: list[Node | Edge] = []
         if kind is OrderKind.UPDATE:
             horizon = [part for part in self._route.parts if not part.released]
-            check_first_actions(order, self.has_action)
-            check_action_ids(order, self._actions.ids_without(horizon))
+            kept = self._actions.ids_without(horizon)
+            check_first_actions(order, kept.__contains__)
+            check_action_ids(order, kept)
         check(order)  # before check_start, which would fail with another error on an unknown map
         if kind is OrderKind.NEW:
             check_start(order, self._route.stands_on)
