@@ -25,6 +25,7 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.vda5050.robot import calls
 
 
 async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> None:
@@ -302,6 +303,32 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
         await master.status("cancel", "FINISHED")
     assert commands(site.chassis) == ["step_control execute", "step_control cancel"]
     assert site.chassis.state.pose.x < START[0] + 0.5
+
+
+async def test_the_error_of_a_last_action_whose_end_is_unknown_can_be_cancelled(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calls, "_ASK_EVERY", 0.2)
+    monkeypatch.setattr(calls, "_REPORT_AFTER", 0.5)
+    async with site.online() as master:
+        step = action("step", "step", distance=1.0, speed=0.02)
+        set_speed(site.chassis, 1.0)
+        master.order([node("a", 0, *START, actions=[step])])
+        await master.status("step", "RUNNING")
+
+        def without_actions(frame: Outgoing) -> list[Outgoing]:
+            is_about_actions = isinstance(frame.body, Feedbacks)
+            return [replace(frame, body=Feedbacks())] if is_about_actions else [frame]
+
+        site.chassis.intercept(without_actions)
+        site.chassis.drop()
+        state = await master.error("interruptedError")
+        assert "cancelOrder" in str(state["errors"])
+        master.instant(action("cancelOrder", "cancel"))
+        state = await master.status("cancel", "FINISHED")
+        assert "interruptedError" not in error_types(state)
+        master.instant(action("cancelOrder", "again"))
+        await master.status("again", "FAILED")
 
 
 async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:
