@@ -132,6 +132,23 @@ async def test_a_robot_that_was_taken_from_its_charger_without_a_link_does_not_g
     assert commands(site.chassis) == ["drive", "charge C1"]
 
 
+async def test_an_order_ends_the_charging_task_after_a_lost_link(site: Site) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    async with site.online() as master:
+        master.instant(action("startCharging", "charge"))
+        await master.status("charge", "FINISHED")
+        async with site.without_link(master):
+            pass
+        await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
+        pose = site.chassis.state.pose
+        stop = action("stopCharging", "stop")
+        master.order([node("a", 0, pose.x, pose.y, actions=[stop]), node("b", 2, -8.0, 0.5)])
+        ended = await master.reached("b")
+        assert status_of(ended, "stop") == "FINISHED"
+    assert commands(site.chassis) == ["charge C1", "cancel", "drive"]
+
+
 async def test_a_pause_while_the_robot_is_asked_for_its_chargers_holds_back_the_task(
     site: Site,
 ) -> None:

@@ -344,16 +344,20 @@ class OrderMachine:
         if self.driving:
             self._command(Control.CANCEL)
 
-    def poll(self, *, may_drive: bool = True, may_empty: bool = True) -> list[Command]:
+    def poll(
+        self, *, may_drive: bool = True, may_check: bool = True, may_empty: bool = True
+    ) -> list[Command]:
         """Return the commands that follow from the events so far.
 
         Args:
+            may_drive: True if a leg may start.
+            may_check: True if nothing moves the robot, so that its position can be checked.
             may_empty: True if a cancelled order that has ended may be emptied.
         """
         if self.canceling:
             if may_empty and self.has_ended:
                 self.empty()
-        elif self._check_place(may_drive=may_drive):
+        elif self._check_place(may_check=may_check):
             self._start_actions()
             self._pause_or_resume_drive()
             if may_drive and not self.held:
@@ -428,7 +432,7 @@ class OrderMachine:
 
     # Steps
 
-    def _check_place(self, *, may_drive: bool) -> bool:
+    def _check_place(self, *, may_check: bool) -> bool:
         """If required, check that the vehicle is still at its last node; set `error` if it is not.
 
         Returns:
@@ -440,7 +444,7 @@ class OrderMachine:
         if not route.must_check_place or self.driving or not can_go_on:
             return True
         if last is not None and last.position is not None:
-            if route.position is None or not may_drive:  # somebody may still move the vehicle
+            if route.position is None or not may_check:  # somebody may still move the vehicle
                 return False
             if not route.is_in_place and self.error is None:
                 self.error = self._fatal_error(
