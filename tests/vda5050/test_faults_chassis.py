@@ -557,6 +557,24 @@ async def test_the_order_of_another_robot_is_dropped_after_a_restart(
     assert replacement.counts[EXEC] == 0
 
 
+async def test_an_order_that_has_ended_is_not_said_to_be_dropped(
+    site: Site, restart: Restart, tmp_path: Path
+) -> None:
+    async with Master(site.broker.port, serial="forklift") as master:
+        async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
+            await master.online()
+            master.order([node("a", 0, *START)])
+            await master.wait_state(
+                lambda state: state["orderId"] == "order" and not state["nodeStates"]
+            )
+        restart(robot_id=NEW)
+        master.received.clear()
+        async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
+            await master.online()
+            assert master.state["orderId"] == ""
+            assert "interruptedError" not in error_types(master.state)
+
+
 async def test_marks_that_the_robot_did_not_send_are_requested_again(site: Site) -> None:
     site.chassis.mute(SCENE_DATA)
     timing = Timing(ask_again_after=0.1, minimum_timeouts={})

@@ -79,6 +79,14 @@ class OrderMemory:
     holds: tuple[str, ...] = ()
     error: VehicleError | None = None
 
+    @property
+    def is_unfinished(self) -> bool:
+        """True if the order was being executed or cancelled, or waited for an update."""
+        actions = self.actions
+        return bool(
+            self.nodes or self.edges or actions.running or actions.triggered or self.canceling
+        )
+
 
 class OrderMachine:
     """The current order: its state, and what to do next.
