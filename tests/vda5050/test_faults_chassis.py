@@ -296,7 +296,9 @@ async def test_a_cancelled_order_ends_though_the_robot_stays_in_a_task_that_it_d
         master.instant(action("cancelOrder", "cancel"))
         await eventually(lambda: site.chassis.counts[ORDER] > 2)
         assert status_of(master.state, "cancel") == "RUNNING"
+        sent = site.chassis.counts[ORDER]
         site.chassis.clear_faults()
+        await eventually(lambda: site.chassis.counts[ORDER] > sent)  # before it arrives
         set_speed(site.chassis, 20.0)
         await master.status("cancel", "FINISHED")
 
