@@ -25,6 +25,7 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.vda5050.robot import calls
 
 
 async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> None:
@@ -129,6 +130,23 @@ async def test_a_robot_that_was_taken_from_its_charger_without_a_link_does_not_g
             site.chassis.call(take_away)
         await master.error("interruptedError")
     assert commands(site.chassis) == ["drive", "charge C1"]
+
+
+async def test_an_order_ends_the_charging_task_after_a_lost_link(site: Site) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    async with site.online() as master:
+        master.instant(action("startCharging", "charge"))
+        await master.status("charge", "FINISHED")
+        async with site.without_link(master):
+            pass
+        await master.wait_state(lambda state: "robotConnectionError" not in error_types(state))
+        pose = site.chassis.state.pose
+        stop = action("stopCharging", "stop")
+        master.order([node("a", 0, pose.x, pose.y, actions=[stop]), node("b", 2, -8.0, 0.5)])
+        ended = await master.reached("b")
+        assert status_of(ended, "stop") == "FINISHED"
+    assert commands(site.chassis) == ["charge C1", "cancel", "drive"]
 
 
 async def test_a_pause_while_the_robot_is_asked_for_its_chargers_holds_back_the_task(
@@ -302,6 +320,32 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
         await master.status("cancel", "FINISHED")
     assert commands(site.chassis) == ["step_control execute", "step_control cancel"]
     assert site.chassis.state.pose.x < START[0] + 0.5
+
+
+async def test_the_error_of_a_last_action_whose_end_is_unknown_can_be_cancelled(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calls, "_ASK_EVERY", 0.2)
+    monkeypatch.setattr(calls, "_REPORT_AFTER", 0.5)
+    async with site.online() as master:
+        step = action("step", "step", distance=1.0, speed=0.02)
+        set_speed(site.chassis, 1.0)
+        master.order([node("a", 0, *START, actions=[step])])
+        await master.status("step", "RUNNING")
+
+        def without_actions(frame: Outgoing) -> list[Outgoing]:
+            is_about_actions = isinstance(frame.body, Feedbacks)
+            return [replace(frame, body=Feedbacks())] if is_about_actions else [frame]
+
+        site.chassis.intercept(without_actions)
+        site.chassis.drop()
+        state = await master.error("interruptedError")
+        assert "cancelOrder" in str(state["errors"])
+        master.instant(action("cancelOrder", "cancel"))
+        state = await master.status("cancel", "FINISHED")
+        assert "interruptedError" not in error_types(state)
+        master.instant(action("cancelOrder", "again"))
+        await master.status("again", "FAILED")
 
 
 async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:

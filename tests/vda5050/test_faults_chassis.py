@@ -30,6 +30,7 @@ from tests.vda5050.master import (
 )
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import LARGE
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneList
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
@@ -209,6 +210,67 @@ async def test_a_task_that_the_robot_drops_without_a_report_is_an_error(
     assert site.chassis.counts[EXEC] == 1
 
 
+async def next_order(site: Site, master: Master) -> None:
+    """Cancel the order; the next one must not wait for what has ended."""
+    site.chassis.clear_faults()
+    master.instant(action("cancelOrder", "cancel"))
+    await master.status("cancel", "FINISHED")
+    pose = site.chassis.state.pose
+    master.order([node("p", 0, pose.x, pose.y), node("q", 2, 8.0, -7.0)], order_id="next")
+    await master.reached("q")
+
+
+async def test_no_order_waits_for_a_task_that_the_robot_has_dropped_without_a_report(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(tasks, monkeypatch)
+    async with site.online() as master:
+        await site.drive(master)
+        show = hide_tasks(site.chassis)
+        site.chassis.call(lambda simulator: simulator.chassis.tasks.cancel("a restart"))
+        await master.error("drivingError")
+        show()
+        set_speed(site.chassis, 20.0)
+        await next_order(site, master)
+
+
+def lose_ends(chassis: SimulatorThread) -> None:
+    """Let a chassis push no report on the end of a task or an action."""
+
+    def without_ends(frame: Outgoing) -> list[Outgoing]:
+        body, ends = frame.body, False
+        if isinstance(body, TaskProc):
+            ends = not is_unfinished(body)
+        elif isinstance(body, Feedbacks):
+            ends = any(each.state == kRosSuccess for each in body.fbs)
+        return [] if ends and not frame.is_answer else [frame]
+
+    chassis.intercept(without_ends)
+
+
+@pytest.mark.parametrize("kind", ["step", "pick"])
+async def test_no_drive_waits_for_what_has_ended_without_a_report(
+    site: Site, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """Neither for a drive, nor for a task or step of an action."""
+    shorten(tasks, monkeypatch)
+    shorten(calls, monkeypatch)
+    lose_ends(site.chassis)
+    work = {
+        "step": action("step", "work", distance=0.2),
+        "pick": action("pick", "work", stationName="U5"),
+    }[kind]
+    async with site.online() as master:
+        nodes = [
+            node("a", 0, *START),
+            node("b", 2, 2.0, -7.0, actions=[work]),
+            node("c", 4, 2.0, -6.0),
+        ]
+        master.order(nodes)
+        state = await master.reached("c")
+        assert status_of(state, "work") == "FINISHED"
+
+
 async def test_a_task_of_which_only_pushes_tell_goes_on(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -238,7 +300,9 @@ async def test_a_cancelled_order_ends_though_the_robot_stays_in_a_task_that_it_d
         master.instant(action("cancelOrder", "cancel"))
         await eventually(lambda: site.chassis.counts[ORDER] > 2)
         assert status_of(master.state, "cancel") == "RUNNING"
+        sent = site.chassis.counts[ORDER]
         site.chassis.clear_faults()
+        await eventually(lambda: site.chassis.counts[ORDER] > sent)  # before it arrives
         set_speed(site.chassis, 20.0)
         await master.status("cancel", "FINISHED")
 
@@ -347,6 +411,23 @@ async def test_an_action_that_the_robot_drops_without_a_report_fails(
         hide_actions(site.chassis, Feedbacks())
         state = await master.status("step", "FAILED")
         assert "does not tell how it ended" in result_of(state, "step")
+
+
+async def test_no_order_waits_for_an_action_that_the_robot_has_dropped_without_a_report(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(calls, monkeypatch)
+    async with site.online() as master:
+        step = action("step", "step", distance=1.0, speed=0.02)
+        master.order([node("a", 0, *START, actions=[step]), node("b", 2, 8.0, -7.0)])
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        await eventually(lambda: site.chassis.counts[FEEDBACKS] > 1)
+        hide_actions(site.chassis, Feedbacks())
+        site.chassis.call(
+            lambda simulator: simulator.chassis.actions.cancel(full_name(StepControl))
+        )
+        await master.status("step", "FAILED")
+        await next_order(site, master)
 
 
 async def test_an_action_of_which_only_pushes_tell_goes_on(
@@ -502,6 +583,24 @@ async def test_the_order_of_another_robot_is_dropped_after_a_restart(
             state = await master.error("interruptedError")
             assert (state["orderId"], state["nodeStates"]) == ("", [])
     assert replacement.counts[EXEC] == 0
+
+
+async def test_an_order_that_has_ended_is_not_said_to_be_dropped(
+    site: Site, restart: Restart, tmp_path: Path
+) -> None:
+    async with Master(site.broker.port, serial="forklift") as master:
+        async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
+            await master.online()
+            master.order([node("a", 0, *START)])
+            await master.wait_state(
+                lambda state: state["orderId"] == "order" and not state["nodeStates"]
+            )
+        restart(robot_id=NEW)
+        master.received.clear()
+        async with site.vehicle(serial_number="forklift", state_folder=tmp_path):
+            await master.online()
+            assert master.state["orderId"] == ""
+            assert "interruptedError" not in error_types(master.state)
 
 
 MARKED = [

@@ -163,6 +163,14 @@ def test_the_content_of_the_stitching_node_is_that_of_the_first_order() -> None:
     assert position.x == 1.0
 
 
+def test_an_action_of_the_horizon_cannot_move_to_the_stitching_node() -> None:
+    robot = given(path("ab", "c", actions={"c": [action("pick")]}))
+    error = robot.refuses(path("bc", first=2, update=1, actions={"b": [action("pick")]}))
+    assert error.type == ErrorType.ORDER_UPDATE
+    assert references(error)["actionId"] == "pick"
+    assert robot.actions == {"pick": "WAITING"}
+
+
 UPDATES = {
     "from the horizon": path("cd", first=4, update=1),
     "from the start": path("abc", update=1),

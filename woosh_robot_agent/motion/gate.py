@@ -461,6 +461,14 @@ class MotionGate:
         """Name of the task or actions that the chassis reports as driving; empty without any."""
         return self._reported_owner.name
 
+    def task_ended(self, task_id: int) -> None:
+        """See `WheelOwner.task_ended`."""
+        self._reported_owner.task_ended(task_id)
+
+    def action_ended(self, name: str) -> None:
+        """See `WheelOwner.action_ended`."""
+        self._reported_owner.action_ended(name)
+
     async def _request(self, message: Message, how: Sending, sender: Sender) -> Answer:
         """Send a motion command; hold a velocity back while the chassis does not answer."""
         if not isinstance(message, Twist):

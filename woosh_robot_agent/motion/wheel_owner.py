@@ -133,6 +133,20 @@ class WheelOwner:
         is_single = self._task_id in _UNIX_SECONDS
         return self._task_id // TASKS_PER_SET if is_current and not is_single else 0
 
+    def task_ended(self, task_id: int) -> None:
+        """Take note that a task has ended, as the chassis has answered instead of reporting it."""
+        if self._task.robot_task_id == task_id:
+            self._task_changed(TaskProc())
+
+    def action_ended(self, name: str) -> None:
+        """Take note that an action has ended, as the chassis has answered instead of reporting it.
+
+        Args:
+            name: short name of the action.
+        """
+        self._actions.discard(name)
+        self._update_name()
+
     def _snapshot(self, info: RobotInfo) -> None:
         self._state_changed(info.state)
         self._task_changed(info.task_proc)

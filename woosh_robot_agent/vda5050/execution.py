@@ -395,14 +395,16 @@ class Execution:
         """Return the next commands of the order; a drive only while nothing else uses the robot."""
         if self._is_driven_otherwise:  # so the robot may leave the last node
             self.order.require_place_check()
-        may_drive = (
+        is_free = (
             self.may_act
             and self.robot.is_automatic
             and self.robot.position is not None
-            and not (self.tasks.id or self.drive.id)
+            and not (self.drive.id or self._must_wait or self.is_leaving_task)
         )
         return self.order.poll(
-            may_drive=may_drive and not (self._must_wait or self.is_leaving_task),
+            may_drive=is_free and not self.tasks.id,
+            # a charging task that goes on does not move the robot, and an action may end it
+            may_check=is_free and not self.tasks.is_busy,
             # cancelOrder itself empties the order, so that both end in the same state message
             may_empty=not self.has_own_motion and not self.instant.runs(CANCEL_ORDER),
         )

@@ -116,7 +116,8 @@ class Vehicle:
     def _restore(self, record: Record, damage: VehicleError | None) -> None:
         """Restore the order and the actions after a restart.
 
-        If another robot answers than before the restart, drop them, and report an error instead.
+        If another robot answers than before the restart, drop them, and report the loss of an
+        unfinished order.
 
         Args:
             record: content of the state file; empty after a first start.
@@ -127,9 +128,10 @@ class Vehicle:
         execution.order_error = damage
         former = RobotIdentity(record.robot_id, record.serial_number)
         if former.differs_from(self._robot_identity):
-            reason = _DROPPED(order=record.order.order_id, robot=str(former))
-            _LOG.error("%s; now %s answers", reason, self._robot_identity)
-            execution.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
+            if record.order.is_unfinished:
+                reason = _DROPPED(order=record.order.order_id, robot=str(former))
+                _LOG.error("%s; now %s answers", reason, self._robot_identity)
+                execution.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
             return
         self._is_updating = True  # nothing is saved or sent before everything is restored
         execution.speed.restore(record.speed_is_limited)

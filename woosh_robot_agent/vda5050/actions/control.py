@@ -95,7 +95,8 @@ async def stop_pause(run: Run) -> None:
 async def cancel_order(run: Run) -> None:
     """Cancel the current order, wait until everything has stopped, and empty the order."""
     execution, order = run.execution, run.execution.order
-    if not (order.busy or execution.has_leftovers):
+    # after a last action whose end is unknown, only the error is left of the order
+    if not (order.busy or order.error or execution.has_leftovers):
         raise ActionFailedError(_NO_ORDER(), ErrorType.NO_ORDER_TO_CANCEL)
     if run.given.get("orderId", order.order_id) != order.order_id:
         raise ActionFailedError(

@@ -79,6 +79,14 @@ class OrderMemory:
     holds: tuple[str, ...] = ()
     error: VehicleError | None = None
 
+    @property
+    def is_unfinished(self) -> bool:
+        """True if the order was being executed or cancelled, or waited for an update."""
+        actions = self.actions
+        return bool(
+            self.nodes or self.edges or actions.running or actions.triggered or self.canceling
+        )
+
 
 class OrderMachine:
     """The current order: its state, and what to do next.
@@ -236,8 +244,9 @@ class OrderMachine:
         horizon: list[Node | Edge] = []
         if kind is OrderKind.UPDATE:
             horizon = [part for part in self._route.parts if not part.released]
-            check_first_actions(order, self.has_action)
-            check_action_ids(order, self._actions.ids_without(horizon))
+            kept = self._actions.ids_without(horizon)
+            check_first_actions(order, kept.__contains__)
+            check_action_ids(order, kept)
         check(order)  # before check_start, which would fail with another error on an unknown map
         if kind is OrderKind.NEW:
             check_start(order, self._route.stands_on)
@@ -343,16 +352,20 @@ class OrderMachine:
         if self.driving:
             self._command(Control.CANCEL)
 
-    def poll(self, *, may_drive: bool = True, may_empty: bool = True) -> list[Command]:
+    def poll(
+        self, *, may_drive: bool = True, may_check: bool = True, may_empty: bool = True
+    ) -> list[Command]:
         """Return the commands that follow from the events so far.
 
         Args:
+            may_drive: True if a leg may start.
+            may_check: True if nothing moves the robot, so that its position can be checked.
             may_empty: True if a cancelled order that has ended may be emptied.
         """
         if self.canceling:
             if may_empty and self.has_ended:
                 self.empty()
-        elif self._check_place(may_drive=may_drive):
+        elif self._check_place(may_check=may_check):
             self._start_actions()
             self._pause_or_resume_drive()
             if may_drive and not self.held:
@@ -427,7 +440,7 @@ class OrderMachine:
 
     # Steps
 
-    def _check_place(self, *, may_drive: bool) -> bool:
+    def _check_place(self, *, may_check: bool) -> bool:
         """If required, check that the vehicle is still at its last node; set `error` if it is not.
 
         Returns:
@@ -439,7 +452,7 @@ class OrderMachine:
         if not route.must_check_place or self.driving or not can_go_on:
             return True
         if last is not None and last.position is not None:
-            if route.position is None or not may_drive:  # somebody may still move the vehicle
+            if route.position is None or not may_check:  # somebody may still move the vehicle
                 return False
             if not route.is_in_place and self.error is None:
                 self.error = self._fatal_error(

@@ -397,7 +397,10 @@ class RobotCalls:
             names_actions = answer.ok and self._answers_queries
             is_known = call.reported and not names_actions and not call.controller.cancel_accepted
             if mine and mine[-1] != self._ends.get(name):
+                had_ended = call.ended.done()
                 self._handle_report(call, mine[-1])
+                if call.ended.done() and not had_ended:
+                    self._link.gate.action_ended(call.name)
                 # if nothing shows that this call has begun, a reported end is of an earlier call
                 is_known = call.accepted or call.reported
             self._note_ends(mine)
@@ -410,7 +413,11 @@ class RobotCalls:
                     call.outcome_unknown = True
                     call.end(_UNKNOWN())
                     if name in _MOVES_BASE:  # it may still move the robot
-                        await self._link.command(call.request(action_pb2.kCancel))
+                        # whatever the answer is, nothing of this kind goes on then
+                        await self._link.command(
+                            call.request(action_pb2.kCancel),
+                            tap=lambda answer: self._link.gate.action_ended(call.name),
+                        )
             except LinkError as error:
                 _LOG.debug("reports on %s: %s", call.name, error)
                 if not self._link.ready:

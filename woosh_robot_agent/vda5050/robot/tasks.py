@@ -166,6 +166,7 @@ class TaskRunner:
         link.chassis.subscribe(TaskProc, self._reported)
         link.chassis.on_snapshot(self._snapshot)
         link.chassis.on_state(self._link_changed)
+        link.on_task_end(self._foreign_ended)
 
     @property
     def paused(self) -> bool:
@@ -288,6 +289,11 @@ class TaskRunner:
                 self._note_end()
             self._link.changed()
 
+    def _foreign_ended(self, task_id: int) -> None:
+        """Clear `foreign_id` after the end of that task, of which no report may tell."""
+        if task_id == self.foreign_id:
+            self._update_foreign_id(TaskProc(robot_task_id=task_id, state=task.kCompleted))
+
     def _handle_report(self, report: TaskProc) -> None:
         """Update the current task from a report."""
         if not self.confirmed:
@@ -296,6 +302,7 @@ class TaskRunner:
         if report.state in _END_REASONS:
             reason = _END_REASONS[report.state]
             text = report.msg if reason else ""
+            self._link.task_ended(self.id)
             self._end(self.id, WITH_TEXT(reason=reason, text=text) if text else reason)
             return
         # before an obstacle, the state of the task is kPaused, too
@@ -344,7 +351,7 @@ class TaskRunner:
                 if is_current is None and self.confirmed and not is_cancelled:
                     return  # the robot refuses queries, but reports on the task
                 if clock() > deadline:
-                    if is_cancelled or not await self._executes_unnamed_task():
+                    if not await self._executes_unnamed_task(task_id) or is_cancelled:
                         self._end(task_id, _UNKNOWN_TASK)
                     return
             except LinkError as error:
@@ -394,13 +401,19 @@ class TaskRunner:
         answer = await self._link.ask(TaskHistory(), tap=take_answer)
         return end_of(answer) is not None
 
-    async def _executes_unnamed_task(self) -> bool:
+    async def _executes_unnamed_task(self, task_id: int) -> bool:
         """Return True if the robot tells that it executes a task, but not which one.
 
-        Return False also if it does not answer in time.
+        Return False also if it does not answer in time. If it is idle, `task_id` has ended.
         """
+
+        def take_answer(answer: Answer) -> None:
+            # other states, e.g. a fault, may hide that a task goes on
+            if isinstance(answer.body, RobotInfo) and answer.body.state == robot.kIdle:
+                self._link.task_ended(task_id)
+
         try:
-            answer = await self._link.ask(RobotInfo())
+            answer = await self._link.ask(RobotInfo(), tap=take_answer)
         except RequestTimeoutError:
             return False
         state = answer.body.state if isinstance(answer.body, RobotInfo) else None
