@@ -426,9 +426,13 @@ async def test_a_set_that_begins_again_after_a_stop_is_not_cancelled() -> None:
         await begins_uncancelled(rig, second)
 
 
-async def test_a_stopped_set_does_not_go_on_because_another_task_was_requested() -> None:
+@pytest.mark.parametrize("is_accepted", [False, True])
+async def test_a_stopped_set_does_not_go_on_because_another_task_was_requested(
+    is_accepted: bool,
+) -> None:
     async def chassis(wire: Wire, frame: Frame) -> bool:
-        return frame["type"] != EXEC_TASK and await answer_all(wire, frame)
+        waits = frame["type"] == EXEC_TASK and not is_accepted
+        return not waits and await answer_all(wire, frame)
 
     async with gated(chassis, hold=0.0, effect=NEVER) as rig:
         await begins_uncancelled(rig, 171995996101)
@@ -436,14 +440,18 @@ async def test_a_stopped_set_does_not_go_on_because_another_task_was_requested()
         await rig.wire.push("woosh.robot.TaskProc", {})
         await eventually(lambda: not rig.gate.owner)
         retry = asyncio.ensure_future(rig.gate.request(ExecTask(task_id=7)))
-        frame = await rig.wire.next(EXEC_TASK)
+        if is_accepted:
+            await ok(retry)
+        else:
+            frame = await rig.wire.next(EXEC_TASK)
         sent = len(types(rig.wire))
         for stops in (1, 2):
             body = {"robotTaskId": f"17199599610{stops + 1}", "state": "kExecuting"}
             await rig.wire.push("woosh.robot.TaskProc", body)
             await eventually(lambda stops=stops: len(types(rig.wire)) == sent + stops * ORDERS)
-        await rig.wire.answer(frame, ok=False, msg="Task is excuting")
-        await soon(retry)
+        if not is_accepted:
+            await rig.wire.answer(frame, ok=False, msg="Task is excuting")
+            await soon(retry)
 
 
 async def test_a_velocity_that_was_held_back_is_not_sent_after_a_task_was_requested() -> None:

@@ -47,7 +47,6 @@ _OTHER_ROBOT = Sentence(
 _ROBOT = Sentence("robot {id} (serial number {serial})")
 _OTHER_TYPE = Sentence("another type of answer")()
 _NO_INFO = Sentence("the chassis did not send its RobotInfo: {reason}")
-_SLOW = Sentence("this computer did not process the RobotInfo within {seconds} s")
 _CLOSED = Sentence("the link was closed")
 _JITTER = 0.2
 """Maximum share by which a pause is shortened at random, so that many agents do not retry in
@@ -255,30 +254,23 @@ async def handshake(
         if _is_other(robot, expected):
             raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
         subscriptions.release()  # `put_snapshot` has done so, unless the RobotInfo is unreadable
-        await _wait_delivered(connection, subscriptions, config)
+        await _wait_delivered(connection, subscriptions)
         return expected if robot is None else robot.completed_by(expected)
     finally:
         subscriptions.discard_held()
 
 
-async def _wait_delivered(
-    connection: Connection, subscriptions: Subscriptions, config: LinkConfig
-) -> None:
+async def _wait_delivered(connection: Connection, subscriptions: Subscriptions) -> None:
     """Wait until RobotInfo is delivered, because who commands the robot must know its state.
 
     Raises:
-        LinkError: the connection has ended, or `handshake_timeout` was exceeded.
+        LinkError: the connection has ended.
     """
     delivered = asyncio.ensure_future(subscriptions.wait_delivered())
-    ends = (delivered, connection.ended)
     try:
-        await asyncio.wait(
-            ends, timeout=config.handshake_timeout, return_when=asyncio.FIRST_COMPLETED
-        )
+        await asyncio.wait((delivered, connection.ended), return_when=asyncio.FIRST_COMPLETED)
         if connection.ended.done():
             raise connection.ended.result()
-        if not delivered.done():
-            raise HandshakeError(_SLOW(seconds=f"{config.handshake_timeout:g}"))
     finally:
         delivered.cancel()
 

@@ -53,7 +53,7 @@ from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.requests import commands_motion, may_move, started_by, takes_wheels
 from woosh_robot_agent.motion.timeliness import LatestWins, MotionTiming, StallWatch
 from woosh_robot_agent.motion.wheel_owner import ACTIONS, FOLLOW, WheelOwner
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Follow, Twist
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import kCancel as CANCEL_ACTION
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.action_pb2 import kCancel as CANCEL_TASK
@@ -220,10 +220,12 @@ class _Start:
 
     Attributes:
         sent: monotonic time at which it was sent.
+        begins_set: False if it starts a single task.
         answered: monotonic time at which its answer came, or its request failed; infinite before.
     """
 
     sent: float
+    begins_set: bool
     answered: float = math.inf
 
 
@@ -355,7 +357,7 @@ class MotionGate:
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
-        self._stopped_set = self._reported_owner.current_set(within=self.timing.effect)
+        self._stopped_set = self._reported_owner.current_set(within=2 * self.timing.effect)
         orders = cancel_orders()
         # each goes to the front of the queue, so the first one to send, the zero, is queued last
         queued = [*reversed(orders.values()), Twist()]
@@ -504,7 +506,8 @@ class MotionGate:
                 self._drives_until = time.monotonic() + self.timing.driving
         if takes_wheels(message):
             self._velocities.withdraw(_WHEELS_TAKEN)
-        started, start = started_by(message), _Start(time.monotonic())
+        started = started_by(message)
+        start = _Start(time.monotonic(), begins_set=not isinstance(message, ExecTask))
         if started:  # now, because the answer may be lost, or come after the report
             self._starts[started] = [*self._recent_starts(started), start]
         try:
@@ -621,9 +624,9 @@ class MotionGate:
         is_new = bool(starts) and starts[-1].sent > self._stop_called
         if is_new and started == "task":
             # a chassis answers a start before it reports the task
-            is_new = starts[-1].answered < math.inf or not self._is_next_of_set()
-            if is_new:
+            if starts[-1].begins_set and starts[-1].answered < math.inf:
                 self._stopped_set = 0  # the set may have been started again
+            is_new = not self._is_next_of_set()
         if not is_new and (
             any(map(self._is_late, starts))
             or (started == "task" and (self._is_awaited_task() or self._is_next_of_set()))

@@ -72,6 +72,8 @@ class SpeedLimiter:
         """Limit that was sent last; infinite before the first, `_UNKNOWN` if the robot may not have
         it."""
         self.refusal = ""
+        self._retry: asyncio.TimerHandle | None = None
+        """Timer that sends the limit again; None before the first."""
         self._log = LogOnce(_LOG)
         self._task_id = 0
         """Id of the task that the robot executes."""
@@ -224,7 +226,9 @@ class SpeedLimiter:
                 self._log.warn(type(error).__name__, text)
             self._note_sent(_UNKNOWN)
             # a driving robot may report nothing more
-            asyncio.get_running_loop().call_later(_RETRY_AFTER, self._send)
+            if self._retry is not None:
+                self._retry.cancel()
+            self._retry = asyncio.get_running_loop().call_later(_RETRY_AFTER, self._send)
             return
         self._log.clear()
         if answer.ok:

@@ -190,7 +190,7 @@ class LatestWins(Generic[T]):
         self._held: asyncio.Future[None] | None = None
         """Future of the velocity that is held back; done when it may be sent or is superseded."""
         self._newest = 0
-        """Serial number of the newest velocity."""
+        """Serial number of the newest velocity, or higher if one was discarded since."""
 
     async def request(
         self,
@@ -219,9 +219,8 @@ class LatestWins(Generic[T]):
         if moves and (age := now() - published) > limit:  # must not replace a newer one
             old = _OLD(age=f"{age:.2f}", limit=f"{limit:g}")
             raise SupersededError(NOT_SENT(reason=old))
-        self._newest += 1
-        serial = self._newest
         self.withdraw(_NEWER)
+        serial = self._newest
         if moves and self.is_answer_overdue:
             await self._hold(published + limit - now())
             if serial != self._newest:
@@ -241,6 +240,7 @@ class LatestWins(Generic[T]):
 
     def withdraw(self, reason: str) -> None:
         """Discard the velocity that is held back; its `request` fails for `reason`."""
+        self._newest += 1  # so that one that was released, and has not gone on yet, is not sent
         if self._held is not None and not self._held.done():
             self._held.set_exception(SupersededError(NOT_SENT(reason=reason)))
 

@@ -26,9 +26,9 @@ TASK = Sentence("task {id}")
 """Name of a task."""
 TASKS_PER_SET = 100
 """A task of a set is reported as the id of the set times this number, plus its id in the set."""
-_UNIX_SECONDS = range(10**9, 10**10)
-"""Ids that are a time in seconds; clients give them to single tasks. The id of a set is such a time
-too, so those of its tasks are higher."""
+_UNIX_SECONDS = range(10**9, 2 * 10**9)
+"""Ids that are a time in seconds, until 2033; clients give them to single tasks. The id of a set is
+such a time or a date, so those of its tasks are higher."""
 
 _HELD_UP = (action_pb2.kRosWarning, action_pb2.kTraffiCtrl)
 """States of an action held up by an obstacle or by traffic control."""

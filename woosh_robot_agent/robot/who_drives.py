@@ -376,7 +376,8 @@ class WhoDrives:
         self._task, self._began_unseen = task, unseen
         source, accepted = self._without_id
         is_expected = time.monotonic() < accepted + _BEGINS_WITHIN
-        if number and is_expected and not unseen and number not in self._tasks:
+        is_own = is_expected and not unseen and number not in self._tasks
+        if is_own and is_unfinished(task):  # no late report on an earlier task
             self._tasks[number] = source
             self._without_id = "", -math.inf
 

@@ -336,6 +336,7 @@ class _Client(aiomqtt.Client):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        self.timeout = min(self.timeout, _DRAIN)  # of the DISCONNECT, for which nobody waits
         try:
             await super().__aexit__(kind, error, traceback)
         except aiomqtt.MqttError:

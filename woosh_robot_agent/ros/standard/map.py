@@ -21,6 +21,7 @@ from woosh_robot_agent.link import (
     FrameError,
     LinkError,
     LinkState,
+    RequestTimeoutError,
 )
 from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.link.reports import LogOnce
@@ -120,8 +121,8 @@ _LOG = logging.getLogger(__name__)
 _CHECK_RATE = 2.0
 """Rate of checking if a map has to be requested or published, in Hz."""
 _RETRY_DELAY = 10.0
-"""Delay before a failed request is retried, in seconds. It doubles each time if the link is lost
-meanwhile: a map that exceeds `max_frame_size` costs the link."""
+"""Delay before a failed request is retried, in seconds. It doubles each time if no answer came:
+a map may be too large for the link, or exceed `max_frame_size`, which costs the link."""
 _MAX_RETRY_DELAY = 300.0
 """Longest such delay, in seconds."""
 
@@ -153,7 +154,7 @@ class Map(Part):
         self._published: MapVersion | None = None
         """The scene's map that was published last; None if it has to be published again."""
         self._retry = Backoff(_RETRY_DELAY, _MAX_RETRY_DELAY)
-        """Delays after requests during which the link was lost."""
+        """Delays after requests without an answer."""
         self._costs_link = False
         """True if the link was lost during the last request."""
         self._not_before = -math.inf
@@ -248,9 +249,9 @@ class Map(Part):
         try:
             area = await scene_map(self._context.robot.chassis, used.scene, used.map_id, used.name)
         except (LinkError, MapError) as error:
-            if isinstance(error, ConnectionLostError):
+            if isinstance(error, ConnectionLostError | RequestTimeoutError):
                 self._not_before = clock() + self._retry.next()
-                self._costs_link = True
+            self._costs_link = isinstance(error, ConnectionLostError)
             self._log.warn("map", f"no map: {error}")
             return
         try:
