@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import os
 import re
 import resource
@@ -364,6 +365,7 @@ def test_record_writes_the_address_of_its_proxy_with_brackets(capsys: Any) -> No
 def test_record_warns_if_other_machines_can_connect(run_here, chassis, tmp_path):
     arguments = ["--listen", "0.0.0.0:0", "--output", str(tmp_path / "a"), "--duration", "0.1"]
     status, _, err = run_here(record.main, *address(chassis), *arguments)
+    assert logging.getLogger("woosh_robot_agent.link").level == logging.NOTSET
     assert status == 1
     assert "everybody who can reach 0.0.0.0 can command the robot" in err
     assert "nothing was recorded: no client connected" in err

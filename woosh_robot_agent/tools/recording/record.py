@@ -265,7 +265,9 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
         else:
             print(f"recording {config.address} to {writer.paths[0]}", flush=True)
             # The proxy logs problems of the robot; the log of this client would repeat them.
-            logging.getLogger("woosh_robot_agent.link").setLevel(logging.ERROR)
+            link_log = logging.getLogger("woosh_robot_agent.link")
+            stack.callback(link_log.setLevel, link_log.level)
+            link_log.setLevel(logging.ERROR)
             own = replace(config, ip=_LOCALHOST, port=port)
             client = PassiveClient(own, with_large=not options.no_large)
             stack.push_async_callback(client.close)
