@@ -140,6 +140,7 @@ async def test_the_snapshot_is_delivered_in_its_place_among_the_pushes() -> None
             await eventually(lambda: len(seen) == 6)
             assert seen == [1, "hall", 2] * 2
             seen.clear()
+            await client.wait_ready(TIMEOUT)
             await client.request(RobotInfo())  # asked for later, it is no snapshot
             await eventually(lambda: len(seen) == 2)
             assert seen == [1, 2]
