@@ -9,6 +9,7 @@ import asyncio
 import json
 import socket
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -27,7 +28,7 @@ TIMEOUT = 60.0
 Json = dict[str, Any]
 
 
-class AskingClient:
+class AskingClient(ABC):
     """Methods that clients share, whether they wait for the chassis or step it by hand.
 
     Attributes:
@@ -37,13 +38,13 @@ class AskingClient:
     def __init__(self) -> None:
         self.pushes: deque[Json] = deque()
 
+    @abstractmethod
     def request(self, type_name: str, body: Json | None = None) -> Json:
         """Return the whole answer. Pushes that arrive before it are kept in `pushes`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def receive(self) -> Json:
         """Return the next frame that is not in `pushes`."""
-        raise NotImplementedError
 
     def ask(self, type_name: str, body: Json | None = None) -> Json:
         """Return the body of the answer, which must be ok."""

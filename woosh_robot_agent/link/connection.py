@@ -643,7 +643,7 @@ class Connection:
         if envelope.sn:
             self._answer(envelope, overtaken_by)
             return
-        if not envelope.is_large:  # a large frame overtakes none
+        if not envelope.is_large:  # large frames are decoded in order: none overtakes another
             for newer in self._newer:
                 newer.add(envelope.type)
         self._on_push(envelope, alone)

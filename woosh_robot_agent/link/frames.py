@@ -217,8 +217,8 @@ class Answer:
         ok: True if the chassis accepted the request.
         msg: text from the chassis, unchanged.
         raw: the body, not decoded yet.
-        is_outdated: True if a newer push of the same type, or of a part of RobotInfo, was delivered
-            before this large answer was decoded.
+        is_outdated: True if a newer push of the same type was delivered before this large answer
+            was decoded; for RobotInfo, a newer push of any type.
     """
 
     ok: bool

@@ -3,7 +3,8 @@
 1. Nothing bypasses the gate. It reserves all requests that command motion, so the chassis client
    refuses them from any other caller.
 2. The latest velocity wins, and a stale one is not sent. Its age counts from when its sender
-   published it. See `LatestWins`.
+   published it. See `LatestWins`. One that is held back is discarded when a task or an action that
+   drives the robot is started or reported.
 3. Nothing is sent twice. The gate does not retry, and a request that was made without a link, or
    before the link was lost, is not sent after a reconnect.
 4. A stop is sent ahead of all waiting requests. Waiting requests that move the robot, those that
@@ -464,11 +465,11 @@ class MotionGate:
         return self._reported_owner.name
 
     def task_ended(self, task_id: int) -> None:
-        """See `WheelOwner.task_ended`."""
+        """Note the end of a task of which no report has told, only an answer of the chassis."""
         self._reported_owner.task_ended(task_id)
 
     def action_ended(self, name: str) -> None:
-        """See `WheelOwner.action_ended`."""
+        """Note the end of an action, by its short name, of which only an answer has told."""
         self._reported_owner.action_ended(name)
 
     async def _request(self, message: Message, how: Sending, sender: Sender) -> Answer:
@@ -622,15 +623,12 @@ class MotionGate:
         self._starts[started] = starts[1:]  # the oldest one has begun
         # any of them may be what begins, so none may have been sent after the stop
         is_new = bool(starts) and starts[-1].sent > self._stop_called
-        if is_new and started == "task":
-            # a chassis answers a start before it reports the task
-            if starts[-1].begins_set and starts[-1].answered < math.inf:
-                self._stopped_set = 0  # the set may have been started again
-            is_new = not self._is_next_of_set()
-        if not is_new and (
-            any(map(self._is_late, starts))
-            or (started == "task" and (self._is_awaited_task() or self._is_next_of_set()))
-        ):
+        is_task = started == "task"
+        # a chassis answers a start before it reports the task
+        if is_task and is_new and starts[-1].begins_set and starts[-1].answered < math.inf:
+            self._stopped_set = 0  # the set may have been started again
+        is_late = any(map(self._is_late, starts)) or (is_task and self._is_awaited_task())
+        if (is_late and not is_new) or (is_task and self._is_next_of_set()):
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives:
             return

@@ -134,16 +134,12 @@ class WheelOwner:
         return self._task_id // TASKS_PER_SET if is_current and not is_single else 0
 
     def task_ended(self, task_id: int) -> None:
-        """Take note that a task has ended, as the chassis has answered instead of reporting it."""
+        """Note the end of a task of which no report has told, only an answer of the chassis."""
         if self._task.robot_task_id == task_id:
             self._task_changed(TaskProc())
 
     def action_ended(self, name: str) -> None:
-        """Take note that an action has ended, as the chassis has answered instead of reporting it.
-
-        Args:
-            name: short name of the action.
-        """
+        """Note the end of an action, by its short name, of which only an answer has told."""
         self._actions.discard(name)
         self._update_name()
 

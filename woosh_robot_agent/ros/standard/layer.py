@@ -75,12 +75,7 @@ class StandardLayer:
 
 
 async def keep_running(run: Callable[[], Coroutine[Any, Any, None]], name: str) -> None:
-    """Run a coroutine function; after an unexpected error, log it and run it again.
-
-    Args:
-        run: the function.
-        name: name of what it runs, for the log.
-    """
+    """Run `run`; after an unexpected error, log it with `name`, and run it again after a pause."""
     while True:
         try:
             await run()

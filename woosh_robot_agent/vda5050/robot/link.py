@@ -152,9 +152,9 @@ class RobotLink:
         self._task_end_callbacks.append(callback)
 
     def task_ended(self, task_id: int) -> None:
-        """Tell all who watch the reports on tasks that one has certainly ended.
+        """Tell everything that follows reports on tasks that a task has certainly ended.
 
-        The report on its end may be lost, and the end known from an answer only.
+        The report on the end may be lost, so that only an answer has told of it.
         """
         for callback in self._task_end_callbacks:
             callback(task_id)

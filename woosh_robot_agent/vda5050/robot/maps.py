@@ -40,8 +40,8 @@ class StoredMap:
 class RobotMaps:
     """The maps on the robot, and the marks of its scene. Used in the event loop of the link.
 
-    Maps and marks are read at each connection, and when the robot's map changes; after a failure,
-    again and again, ever more rarely.
+    Maps and marks are read at each connection, and when the robot's map changes. After a failure,
+    they are requested again, after ever longer pauses.
 
     Attributes:
         downloading: lock that allows one download at a time.
