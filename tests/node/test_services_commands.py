@@ -196,7 +196,7 @@ def test_a_slow_request_has_its_minimum_or_a_longer_poll_timeout(
     response = client.command("robot/InitRobot", is_record=True)
     assert (response.ok, "did not answer" in response.msg) == (True, False), response.msg
     assert change(client, poll_timeout=40_000) == (True, "")
-    assert chassis.timeout_of(INIT_ROBOT) == 40.0
+    wait_until(lambda: chassis.timeout_of(INIT_ROBOT) == 40.0, "the new settings")
     assert chassis.timeout_of("woosh.robot.BuildMap") == minimum_timeouts()["woosh.robot.BuildMap"]
     assert chassis.timeout_of("woosh.robot.Speak") == 40.0
 

@@ -9,7 +9,7 @@ from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, PoseStamped
 
-from tests.harness import Client, Collector, Logs, wait_future
+from tests.harness import Client, Collector, Logs, Robot, wait_future
 from tests.node.goals import START
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.ros.standard_endpoints import BY_NAME
@@ -151,3 +151,8 @@ def poses_field(action: Any, name: str, poses: list[PoseStamped]) -> Any:
         return poses
     goals = class_of("nav_msgs/Goals")
     return goals(goals=poses)
+
+
+def navigates(robot: Robot) -> bool:
+    """Return True while the chassis executes MoveBase."""
+    return robot.chassis.call(lambda sim: sim.chassis.actions.navigation) is not None

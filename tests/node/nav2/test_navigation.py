@@ -39,6 +39,7 @@ from tests.node.nav2.goals import (
     ahead,
     error_code,
     go,
+    navigates,
     pose,
     poses_field,
     stands,
@@ -184,6 +185,7 @@ def test_a_cancel_of_others_is_explained(robot: Robot) -> None:
     move_base(robot, 0.0, CANCEL).result()
     goal.wait_aborted("cancelled by ros/MoveBase")
     goal = driving(robot)
+    wait_until(lambda: navigates(robot), "the robot may still have rolled before")
     robot.chassis.call(lambda sim: sim.chassis.actions.cancel("woosh.ros.action.MoveBase"))
     goal.wait_aborted("cancelled by the robot itself or another client of it")
 

@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from tests.harness import Logs, Robot, wait_until
 from tests.node.goals import START, hurry, move_base, slow_down, stop_time, task
-from tests.node.nav2.goals import SUCCEEDED, go, stands
+from tests.node.nav2.goals import SUCCEEDED, go, navigates, stands
 from tests.node.test_parameters import change
 from woosh_map_msgs.srv import SceneList
 from woosh_robot_agent.convert.mapping import class_of
@@ -28,10 +28,6 @@ pytest.importorskip("nav2_msgs.action")
 
 
 MOVE_BASE = "woosh.ros.action.MoveBase"
-
-
-def navigates(robot: Robot) -> bool:
-    return robot.chassis.call(lambda sim: sim.chassis.actions.navigation) is not None
 
 
 def state(robot: Robot, node: str) -> str:
