@@ -7,10 +7,8 @@ Arguments: those of agent.launch.py; urdf, your own model. If robot_state_publis
 the pose of the laser if the robot's firmware reports it.
 """
 
-import re
 from pathlib import Path
 
-import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchDescription
 from launch.actions import LogInfo, OpaqueFunction
@@ -19,8 +17,6 @@ from launch_ros.actions import Node
 from woosh_robot_agent.ros import launch_arguments
 
 ARGUMENTS = ("ip", "port", "namespace", "frame_prefix", "nav2", "params_file", "urdf")
-WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
-"""Wildcards in the node names of a parameter file, as regular expressions."""
 
 
 def generate_launch_description():
@@ -31,7 +27,6 @@ def generate_launch_description():
 
 def _nodes(context):
     given = launch_arguments.values_of(context, __file__, *ARGUMENTS)
-    node = f"/{given['namespace'].strip('/')}/agent".replace("//", "/")
     with_model = _is_installed("robot_state_publisher")
     agent = launch_arguments.agent_node(
         given,
@@ -50,31 +45,13 @@ def _nodes(context):
                 "robot_description": Path(given["urdf"]).read_text(),
                 # the agent and the model must use the same prefix
                 "frame_prefix": given["frame_prefix"]
-                or _parameter_in(Path(given["params_file"]), node, "frame_prefix"),
+                or launch_arguments.parameter_of_file(given, "frame_prefix")
+                or "",
             }
         ],
         output="screen",
     )
     return [agent, model]
-
-
-def _parameter_in(path, node, parameter):
-    """Return a node's parameter from a file, or ""; as in rclpy the last matching section wins."""
-    found = ""
-    for name, values in _sections(yaml.safe_load(path.read_text()) or {}):
-        pattern = "".join(WILDCARDS.get(part, f"/{re.escape(part)}") for part in name)
-        if re.fullmatch(pattern, node):
-            found = (values or {}).get(parameter, found)
-    return found
-
-
-def _sections(tree, above=()):
-    """Yield the name parts and the parameters of each section of a parameter file."""
-    for key, below in tree.items():
-        if key == "ros__parameters":
-            yield above, below
-        elif isinstance(below, dict):
-            yield from _sections(below, (*above, *str(key).strip("/").split("/")))
 
 
 def _is_installed(package):

@@ -49,6 +49,12 @@ def generate_launch_description():
 
 def _simulation(context):
     given = launch_arguments.values_of(context, __file__, "port", "speed", *ARGUMENTS)
+    robots = launch_arguments.parameter_of_file(given, "robots") or []
+    if any(robots):
+        raise ValueError(  # the agent would connect to them instead
+            f"{given['params_file']} sets robots to {robots}, but sim.launch.py simulates only "
+            "one; remove that parameter from the file"
+        )
     port = _free_port(launch_arguments.port_number(given["port"]))
     return [
         # a plain process: the simulator does not understand ROS arguments

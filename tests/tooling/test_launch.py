@@ -15,7 +15,9 @@ import yaml
 
 pytest.importorskip("rclpy")
 
+import rclpy
 from ament_index_python.packages import PackageNotFoundError
+from rclpy.context import Context
 
 from tests.tooling import launch_stub
 from woosh_robot_agent import parameters
@@ -130,6 +132,27 @@ def check_agent(node: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
+def ros_parameters(node: dict[str, Any], folder: Path, domain: int) -> dict[str, Any]:
+    """Return the parameters that ROS gives to a node of a launch file."""
+    overrides = folder / "overrides.yaml"  # as launch_ros writes it
+    overrides.write_text(yaml.safe_dump({"/**": {"ros__parameters": node["values"]}}))
+    file, *others = node["files"]
+    words = [word for each in (file, overrides, *others) for word in ("--params-file", str(each))]
+    context = Context()
+    rclpy.init(
+        args=["--ros-args", "-r", f"__ns:=/{node['namespace']}", *words],
+        context=context,
+        domain_id=domain,
+    )
+    try:
+        found = rclpy.create_node(
+            "agent", context=context, automatically_declare_parameters_from_overrides=True
+        )
+        return {name: each.value for name, each in found.get_parameters_by_prefix("").items()}
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
 @pytest.fixture
 def robot_state_publisher(share: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pretend that robot_state_publisher is installed."""
@@ -163,6 +186,32 @@ class TestLaunch:
         values = check_agent(node)
         assert (values["ip"], values["port"]) == ("172.20.8.75", 0)
         assert (values["frame_prefix"], node["namespace"]) == ("r1/", "robot7")
+
+    @pytest.mark.parametrize(
+        "text",
+        [
+            "{/**: {ros__parameters: {ip: IP}}}",
+            "{/**: {ros__parameters: {nav2: true}}, /r1/agent: {ros__parameters: {ip: IP}}}",
+            "{/r1: {agent: {ros__parameters: {ip: IP}}}, /**: {ros__parameters: {nav2: true}}}",
+            "{/**: {ros__parameters: {ip: 1.1.1.1}}, /*/agent: {ros__parameters: {ip: IP}},"
+            " r1: {agent: {ros__parameters: {ip: 2.2.2.2}}}}",
+        ],
+    )
+    def test_a_simulation_is_not_connected_to_the_robot_of_a_section(
+        self, text: str, tmp_path: Path, domain: int
+    ):
+        """ROS reads the arguments in the section of all nodes, and later sections win."""
+        file = tmp_path / "mine.yaml"
+        file.write_text(text.replace("IP", "172.20.8.74"))
+        launch = Launch("sim", port="0", namespace="r1", params_file=str(file))
+        found = ros_parameters(launch.included[0].nodes[0], tmp_path, domain)
+        assert found["ip"] == "127.0.0.1"
+        assert found.get("nav2") is (True if "nav2" in text else None)
+
+    def test_a_simulation_does_not_start_the_robots_of_a_file(self, tmp_path: Path):
+        file = params_file(tmp_path, robots=["r1", "r2"])
+        with pytest.raises(ValueError, match=r"sets robots to \['r1', 'r2'\].*only one; remove"):
+            Launch("sim", port="0", params_file=file)
 
     @pytest.mark.parametrize("name", ["agent", "bringup", "sim"])
     def test_a_wrong_port_and_a_parameter_file_that_does_not_exist_are_refused(self, name: str):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import re
 import sys
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import yaml
 from ament_index_python import packages
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
@@ -35,6 +39,8 @@ _LAUNCH_ARGUMENTS = {
 """Arguments that `launch` itself takes from the command line."""
 _PARAMETERS = ("ip", "port", "frame_prefix", "nav2")
 """Arguments that are parameters of the agent. Empty ones are not set."""
+_WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
+"""Wildcards in the node names of a parameter file, as regular expressions."""
 
 
 def share(*parts: str) -> Path:
@@ -102,7 +108,7 @@ def agent_node(arguments: Mapping[str, str], **parameters: object) -> Node:
 
     Raises:
         ValueError: the port is not a number from 0 to 65535, nav2 is neither true nor false, or the
-            parameter file does not exist.
+            parameter file does not exist or is not valid YAML.
     """
     values: dict[str, object] = {
         name: arguments[name] for name in _PARAMETERS if arguments.get(name)
@@ -113,16 +119,81 @@ def agent_node(arguments: Mapping[str, str], **parameters: object) -> Node:
         if nav2 not in ("true", "false"):
             raise ValueError(f"nav2 must be true or false, not {arguments['nav2']!r}")
         values["nav2"] = nav2 == "true"
-    if not Path(arguments["params_file"]).is_file():  # the agent would start without it
-        raise ValueError(f"params_file is not a file: {arguments['params_file']}")
     return Node(
         package=PACKAGE,
         executable="agent",
         namespace=arguments["namespace"],
-        parameters=[arguments["params_file"], {**values, **parameters}],
+        parameters=_parameters(arguments, values | parameters),
         output="screen",
         emulate_tty=True,
     )
+
+
+def parameter_of_file(arguments: Mapping[str, str], parameter: str) -> Any:
+    """Return a parameter of the agent from its parameter file; None if the file does not set it.
+
+    Args:
+        arguments: values of the launch arguments, of which `namespace` and `params_file` are used.
+        parameter: name of the parameter.
+
+    Raises:
+        ValueError: the file does not exist, or it is not valid YAML.
+    """
+    found = None
+    for _, values in _agent_sections(arguments):  # as in ROS, the last matching section wins
+        found = (values or {}).get(parameter, found)
+    return found
+
+
+def _parameters(
+    arguments: Mapping[str, str], overrides: Mapping[str, object]
+) -> list[str | Mapping[str, object]]:
+    """Return the parameter file, and what overrides it, also the section of a single node.
+
+    launch_ros writes overrides into the section of all nodes, which ROS merges with the file's own
+    one: a later section of the agent would win, and with its `ip` a simulation would drive a real
+    robot.
+    """
+    sections: dict[str, Any] = {}
+    for keys, _ in _agent_sections(arguments):
+        below = sections
+        for key in keys:
+            below = below.setdefault(key, {})
+        below["ros__parameters"] = overrides
+    parameters: list[str | Mapping[str, object]] = [arguments["params_file"], overrides]
+    if overrides and sections:
+        # kept until the node has read it, like the files of launch_ros
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml", delete=False) as file:
+            json.dump(sections, file)  # JSON is YAML in which every text is quoted
+        parameters.append(file.name)
+    return parameters
+
+
+def _agent_sections(
+    arguments: Mapping[str, str],
+) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any] | None]]:
+    """Yield the keys and the parameters of each section of the file that is for the agent."""
+    path = Path(arguments["params_file"])
+    if not path.is_file():  # the agent would start without it
+        raise ValueError(f"params_file is not a file: {path}")
+    try:
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (ValueError, yaml.YAMLError) as error:
+        raise ValueError(f"params_file {path} is not valid YAML: {error}") from None
+    agent = f"/{arguments['namespace'].strip('/')}/agent".replace("//", "/")
+    for keys, values in _sections(tree):
+        parts = [part for key in keys for part in key.strip("/").split("/")]
+        if re.fullmatch("".join(_WILDCARDS.get(p, f"/{re.escape(p)}") for p in parts), agent):
+            yield keys, values
+
+
+def _sections(tree: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield the keys and the parameters of each section of a parameter file."""
+    for key, below in tree.items() if isinstance(tree, dict) else ():
+        if key == "ros__parameters":
+            yield above, below
+        else:
+            yield from _sections(below, (*above, str(key)))
 
 
 def port_number(text: str) -> int:
