@@ -120,7 +120,8 @@ def _run(args: list[str], signals: StopSignals) -> int:
             RCLError,
         ) as error:
             print("agent:", *error_text(error).split(), file=sys.stderr)  # on one line
-            return _FAILED
+            # an error of the middleware may pass, e.g. if the network is not there yet
+            return 1 if isinstance(error, RCLError) and rclpy.ok() else _FAILED
         except UnknownROSArgsError as error:  # its text is the list of the arguments
             print(f"agent: unknown arguments after --ros-args: {error}", file=sys.stderr)
             return _FAILED

@@ -177,6 +177,25 @@ def test_bad_arguments_end_the_program_with_one_line() -> None:
         assert "('" not in said[-1], "a tuple instead of a text"
 
 
+WITHOUT_NETWORK = """
+from woosh_robot_agent.agent import main
+from woosh_robot_agent.ros import fleet
+from woosh_robot_agent.ros.rclpy_private import RCLError
+def fail(**_):
+    raise RCLError("no network")
+fleet.Fleet = fail
+raise SystemExit(main([]))
+"""
+
+
+@pytest.mark.usefixtures("domain")
+def test_after_an_error_of_the_middleware_systemd_restarts_the_program() -> None:
+    """With status 2 it would not."""
+    program = [sys.executable, "-c", WITHOUT_NETWORK]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=TIMEOUT)
+    assert (done.returncode, done.stderr) == (1, "agent: no network\n")
+
+
 def drive(client: Client, linear: float = 0.2) -> Any:
     response = client.call(Twist, "robot/Twist", arg=TwistMsg(linear=linear))
     assert response.ok
