@@ -99,6 +99,14 @@ def test_a_robot_cannot_fill_the_screen_with_names_of_actions():
     assert "999" in view.actions
 
 
+def test_an_action_may_have_ended_during_a_lost_link():
+    report = ros_pack_pb2.Feedback(action="a.StepControl", state=ros_pack_pb2.kRosExecuting)
+    assert seen(
+        report, RobotInfo()
+    ).actions  # the topic is latched: the report came before the answer
+    assert not seen(RobotInfo(), report, RobotInfo()).actions
+
+
 def test_pose_task_and_actions_are_shown():
     view = seen(
         PoseSpeed(pose=Pose2D(x=1.5, y=-2.25, theta=1.5708), mileage=12),
