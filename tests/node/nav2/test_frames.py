@@ -41,6 +41,10 @@ def transform(
 @pytest.fixture
 def static(robot: Robot) -> Callable[..., None]:
     """Function that publishes transforms on /tf_static."""
+    return publish_static(robot)
+
+
+def publish_static(robot: Robot) -> Callable[..., None]:
     message = class_of("tf2_msgs/TFMessage")
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = robot.node.create_publisher(message, "/tf_static", latched)
@@ -90,6 +94,14 @@ class TestFrames:
         inverse.x, inverse.y, inverse.z, inverse.w = -x, -y, -z, w
         assert go(robot, seen).result()[0] == SUCCEEDED
         assert target(robot) == near(0.7, 0.1, 0.0)
+
+    def test_another_odometry_on_tf_does_not_matter(self, own_robot: Robot) -> None:
+        publish_static(own_robot)(
+            transform("odom", "base_link", (5.0, 0.0, 0.0)),
+            transform("base_link", "mast", (0.2, 0.0, 1.0)),
+        )
+        assert go(own_robot, pose(0.3, 0.0, frame="mast")).result()[0] == SUCCEEDED
+        assert target(own_robot) == near(0.5, 0.0, 0.0)
 
     def test_a_frame_above_the_robot(self, robot: Robot, static: Callable[..., None]) -> None:
         half = math.pi / 4

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point
 from std_srvs.srv import Trigger
 
 from tests.asynchronous import TIMEOUT
@@ -261,9 +262,19 @@ def test_poses_that_the_robot_cannot_reach(robot: Robot) -> None:
     through_poses(robot, [ahead(n / 100) for n in range(201)]).wait_aborted(
         "the goal has 201 poses, which may be too many: send fewer"
     )
-    assert through_poses(robot, []).result()[0] == ABORTED
-    Nav2Client(robot, "follow_waypoints", poses=[]).wait_aborted(code="NO_VALID_WAYPOINTS")
     assert stands(robot.chassis)
+
+
+def test_what_runs_goes_on_after_a_goal_that_cannot_be_executed(robot: Robot) -> None:
+    running = driving(robot)
+    through_poses(robot, []).wait_aborted("give at least one")
+    Nav2Client(robot, "follow_waypoints", poses=[]).wait_aborted(code="NO_VALID_WAYPOINTS")
+    for name, target in (("drive_on_heading", Point(x=-0.3)), ("backup", Point(y=0.1))):
+        step = Nav2Client(robot, name, target=target, speed=0.2)
+        step.wait_aborted(code="INVALID_INPUT")
+    hurry(robot.chassis)
+    assert running.result()[0] == SUCCEEDED
+    assert drives(robot) == [action_pb2.kExecute]
 
 
 def missed(result: Any) -> list[int]:

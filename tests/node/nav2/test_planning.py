@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.harness import Logs, Robot
-from tests.node.goals import START
+from tests.node.goals import START, answer_with_json
 from tests.node.nav2.goals import (
     ABORTED,
     CANCELED,
@@ -79,6 +79,9 @@ def test_without_a_path_the_reason_is_told(robot: Robot) -> None:
             "to (1000.00, 1000.00): choose a goal on free floor", code="NO_VALID_PATH"
         )
     through_poses(robot, []).wait_aborted(code="NO_VIAPOINTS_GIVEN")
+    answer_with_json(robot.chassis, PLAN, body={"path": 5})
+    goal = Nav2Client(robot, "compute_path_to_pose", goal=ahead(3.0))
+    goal.wait_aborted("sent no usable path")
 
 
 def test_a_new_goal_replaces_the_running_one_and_a_cancel_ends_it(robot: Robot) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any
 
 import pytest
@@ -18,8 +19,11 @@ from tests.node.nav2.goals import SUCCEEDED, go, navigates, stands
 from tests.node.test_parameters import change
 from woosh_map_msgs.srv import SceneList
 from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, SwitchMap
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.ros.nav2 import pose
 from woosh_robot_agent.ros.standard_endpoints import MANAGERS
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate
 from woosh_robot_agent.simulator.world.geometry import Pose
@@ -97,6 +101,14 @@ class TestMapServer:
         assert self.load(robot, other).result == answer.RESULT_SUCCESS
         assert robot.chassis.counts[SwitchMap.DESCRIPTOR.full_name] == 2, "it is loaded already"
 
+    def test_without_a_link_the_map_is_not_known(self, robot: Robot) -> None:
+        """The robot may come back with another one."""
+        current = robot.chassis.state.info.scene.map_name
+        robot.chassis.inject("off")
+        wait_until(lambda: state(robot, "amcl") == "inactive", "the lost link")
+        answer = self.load(robot, current)
+        assert answer.result == answer.RESULT_UNDEFINED_FAILURE
+
     def test_there_is_no_such_map(self, robot: Robot, logs: Logs) -> None:
         answer = self.load(robot, "nowhere.yaml")
         assert answer.result == answer.RESULT_MAP_DOES_NOT_EXIST
@@ -127,6 +139,32 @@ def test_amcl_pose_follows_the_robot_and_each_initialpose(own_robot: Robot) -> N
         assert again.pose.pose.position.x == pytest.approx(START[0], abs=0.01)
     assert go(robot, 1.0).result()[0] == SUCCEEDED
     poses.wait(lambda each: each.pose.pose.position.x > START[0] + 0.7)
+
+
+def test_amcl_pose_is_the_new_one_after_a_small_correction(
+    own_robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The robot may report the old pose for a moment."""
+    monkeypatch.setattr(pose, "_SETTLES_WITHIN", 60.0)
+    robot = own_robot
+    poses = robot.echo(PoseWithCovarianceStamped, "amcl_pose", depth=10)
+    corrected = deepcopy(poses.wait(lambda _: True))
+    reports: list[PoseSpeed] = []
+    robot.chassis.intercept(  # only the reports of this test; also no answer to a query
+        lambda out: [out] if out.type != full_name(PoseSpeed) or out.body in reports else []
+    )
+    corrected.pose.pose.position.x += 0.1
+    asked = robot.chassis.counts[full_name(PoseSpeed)]
+    robot.publisher(PoseWithCovarianceStamped, "initialpose").publish(corrected)
+    # when the pose is set, the agent asks for it
+    robot.chassis.wait_received(full_name(PoseSpeed), asked + 1)
+    for x in (START[0], START[0] + 0.1):
+        report = PoseSpeed()
+        report.CopyFrom(robot.chassis.state.info.pose_speed)
+        report.pose.x = x
+        reports.append(report)
+        robot.chassis.push(report)
+    poses.wait(lambda each: each.pose.pose.position.x == pytest.approx(START[0] + 0.1, abs=0.01))
 
 
 class TestSpeedLimit:

@@ -118,28 +118,26 @@ class DriveOnHeading(_Behavior):
     """Drives a distance straight ahead or back."""
 
     name = "drive_on_heading"
+    always_back = False
+    """True if the robot drives back, whatever the signs of target and speed."""
 
-    async def execute(self, goal: Nav2Goal) -> None:
-        distance, speed = goal.request.target.x, goal.request.speed
-        if (distance > 0.0) != (speed > 0.0):
+    def validate(self, request: Any) -> None:
+        target, speed = request.target, request.speed
+        if (target.x > 0.0) != (speed > 0.0) and not self.always_back:
             raise GoalEnd(
-                f"the target {distance:g} and the speed {speed:g} have different signs",
+                f"the target {target.x:g} and the speed {speed:g} have different signs",
                 "INVALID_INPUT",
             )
-        await self.drive(goal, distance)
-
-    async def drive(self, goal: Nav2Goal, distance: float) -> None:
-        """Drive a distance in metres, negative for backwards.
-
-        Raises:
-            GoalEnd: the distance was not driven.
-        """
-        target = goal.request.target
         if target.y or target.z:
             raise GoalEnd(
                 f"the robot drives straight only: the target has y {target.y:g} and z {target.z:g}",
                 "INVALID_INPUT",
             )
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        distance = goal.request.target.x
+        if self.always_back:
+            distance = -abs(distance)
         travelled = _Travelled(self.context.pose)
         limits = self.context.standard.settings().velocity_limits
         speed = min(abs(goal.request.speed), limits.max_linear)
@@ -156,9 +154,7 @@ class BackUp(DriveOnHeading):
     """Drives straight back, whatever the signs of target and speed, as Nav2 does."""
 
     name = "backup"
-
-    async def execute(self, goal: Nav2Goal) -> None:
-        await self.drive(goal, -abs(goal.request.target.x))
+    always_back = True
 
 
 class Wait(Nav2Action):

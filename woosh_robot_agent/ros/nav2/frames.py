@@ -163,7 +163,12 @@ class Frames:
     def _look_up(self, frame: str) -> Transform | str:
         """Return the pose of a frame in the map, or the reason why there is none."""
         try:
-            above = dict(self._climb(frame))  # poses of `frame` in the frames above it
+            above: dict[str, Transform] = {}  # poses of `frame` in the frames above it
+            for ancestor, pose_in_ancestor in self._climb(frame):
+                known = self._own[ancestor]() if ancestor in self._own else None
+                if known is not None:  # /tf above it may be of another odometry
+                    return _from_pose2d(known) @ pose_in_ancestor
+                above[ancestor] = pose_in_ancestor
             for own, find_pose in self._own.items():
                 for ancestor, own_pose in self._climb(own):
                     if ancestor in above:  # this frame connects `frame` with `own`

@@ -514,6 +514,13 @@ class Nav2Action(ABC):
                 otherwise rejected. The running goal goes on.
         """
 
+    def validate(self, request: Any) -> None:  # noqa: B027 - most actions need no check
+        """Check an accepted goal before it ends the running one.
+
+        Raises:
+            GoalEnd: the goal cannot be executed. The running goal goes on.
+        """
+
     @abstractmethod
     async def execute(self, goal: Nav2Goal) -> None:
         """Execute a goal, and fill its result.
@@ -551,6 +558,7 @@ class Nav2Action(ABC):
             if goal.objection:  # `check` objects only to poses that it cannot transform
                 raise GoalEnd(goal.objection, "TF_ERROR")
             goal.raise_if_ending()  # cancelled before it was accepted: the running goal goes on
+            self.validate(goal.request)
             await self._slot.take(goal)
             await self.execute(goal)
             reason = None

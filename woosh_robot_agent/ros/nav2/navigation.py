@@ -242,10 +242,12 @@ class NavigateThroughPoses(_Navigation):
         await transform_all(self.context.frames, poses_in(request.poses))
         self.log_unused(request, "behavior_tree")
 
+    def validate(self, request: Any) -> None:
+        if not poses_in(request.poses):
+            raise GoalEnd("the goal has no poses: give at least one")
+
     async def execute(self, goal: Nav2Goal) -> None:
         poses = poses_in(goal.request.poses)
-        if not poses:
-            raise GoalEnd("the goal has no poses: give at least one")
         progress = Progress(self.context, poses)
         stops = [chassis_pose(each) for each in poses]
         command = MoveBase(
@@ -324,13 +326,15 @@ class FollowWaypoints(_Navigation):
     async def check(self, request: Any) -> None:
         await transform_all(self.context.frames, request.poses)
 
-    async def execute(self, goal: Nav2Goal) -> None:
-        poses = goal.request.poses
-        first = getattr(goal.request, "goal_index", 0)  # Humble lacks it, and number_of_loops
-        if first >= len(poses):
+    def validate(self, request: Any) -> None:
+        first, count = _first_waypoint(request), len(request.poses)
+        if first >= count:
             raise GoalEnd(
-                f"there is no waypoint {first}: the goal has {len(poses)}", "NO_VALID_WAYPOINTS"
+                f"there is no waypoint {first}: the goal has {count}", "NO_VALID_WAYPOINTS"
             )
+
+    async def execute(self, goal: Nav2Goal) -> None:
+        poses, first = goal.request.poses, _first_waypoint(goal.request)
         cause: Cause | None = None  # who decided the end of the last drive
         for loop in range(getattr(goal.request, "number_of_loops", 0) + 1):
             for number in range(0 if loop else first, len(poses)):
@@ -352,6 +356,10 @@ class FollowWaypoints(_Navigation):
             _LOG.warning("%s: waypoint %d is missed: %s", self.name, number, failure)
             goal.result.missed_waypoints.append(_missed(goal.result, number, pose, str(failure)))
             return None
+
+
+def _first_waypoint(request: Any) -> int:
+    return int(getattr(request, "goal_index", 0))  # Humble lacks it, and number_of_loops
 
 
 _POSE_CODES = frozenset((13010100001, 13010100002, 13010100005))

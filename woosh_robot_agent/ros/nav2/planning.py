@@ -9,7 +9,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from woosh_robot_agent.link import LinkError, RequestTimeoutError
+from woosh_robot_agent.link import FrameError, LinkError, RequestTimeoutError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
@@ -85,11 +85,11 @@ class _Planning(Nav2Action):
             raise GoalEnd(f"{text} (the chassis: {answer.reason})", "NO_VALID_PATH")
         # firmware answers with the type NavPath or PlanNavPath; the content is a NavPath
         body = answer.body
-        if not isinstance(body, NavPath):
-            body = answer.raw.as_type(full_name(NavPath)).message()
         try:
+            if not isinstance(body, NavPath):
+                body = answer.raw.as_type(full_name(NavPath)).message()
             poses = [Pose2D.from_message(each) for each in body.path.poses]
-        except ValueError as error:
+        except (ValueError, FrameError) as error:
             raise GoalEnd(f"the chassis has sent no usable path: {error}") from None
         if not poses:
             raise GoalEnd("the chassis has sent an empty path", "NO_VALID_PATH")

@@ -24,6 +24,8 @@ _SILENCE = 1.0
 reports at 5 Hz."""
 _MAX_WAIT = 3.0
 """Maximum wait until the robot stands, in seconds. Real robots stand 0.9 s after a stop."""
+_SETTLES_WITHIN = 0.5
+"""Time for which the robot may still report the pose before one that was set, in seconds."""
 _CHECK_PERIOD = 0.05
 """Period of the checks whether the robot stands, in seconds."""
 
@@ -43,6 +45,8 @@ class RobotPose:
         self.velocity = Velocity()
         self.received = -math.inf
         self._context = context
+        self._settled = -math.inf
+        """Loop time until which the robot may still report the pose before one that was set."""
         self._published: Pose2D | None = None
         """The pose that was published last; None to publish the next pose in any case."""
         self._publisher = context.publisher("amcl_pose")
@@ -95,7 +99,7 @@ class RobotPose:
         self.pose = pose
         self.velocity = Velocity(report.twist.linear, left, report.twist.angular)
         self.received = now
-        if self._published is not None:
+        if self._published is not None and now > self._settled:
             moved = pose.seen_from(self._published)
             if moved.distance < _MIN_DISTANCE and abs(moved.theta) < _MIN_TURN:
                 return
@@ -104,6 +108,7 @@ class RobotPose:
     def _pose_set(self) -> None:
         """Request the pose: a robot that stands does not report a pose that was set."""
         self._published = None
+        self._settled = asyncio.get_running_loop().time() + _SETTLES_WITHIN
         self._context.robot.thread.spawn(self._request_pose)
 
     async def _request_pose(self) -> None:

@@ -123,7 +123,7 @@ class MapServer:
         """
         if not name:
             return int(response.RESULT_MAP_DOES_NOT_EXIST)
-        if self._scene.map_name == name:
+        if self._scene.map_name == name and self._robot.chassis.state is LinkState.READY:
             return int(response.RESULT_SUCCESS)
         scene_name = await self._scene_of(name)
         if scene_name is None:
