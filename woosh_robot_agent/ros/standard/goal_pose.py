@@ -113,6 +113,9 @@ class GoalPose(Part):
         except ValueError as error:
             _LOG.error("goal_pose is ignored: %s", error)
             return
+        if not self._client.server_is_ready():  # the goal would be lost without an answer
+            _LOG.error("goal_pose is ignored: the agent is still starting; send it again")
+            return
         self._newest += 1
         number = self._newest
         self._sending = True
