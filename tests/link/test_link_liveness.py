@@ -84,6 +84,27 @@ async def test_a_quiet_chassis_that_answers_probes_stays_connected(kind: str) ->
             assert asked == []
 
 
+async def test_a_cancelled_ping_does_not_cancel_the_pong() -> None:
+    """Up to websockets 14.1, the arrival of a cancelled pong ends the connection."""
+    async with linked() as (_peer, client, wire):
+        transport: Any = client._connection._transport  # type: ignore[union-attr]
+        ping, pongs = transport._socket.ping, []
+
+        async def noted() -> Any:
+            pongs.append(await ping())
+            return pongs[-1]
+
+        transport._socket.ping = noted
+        wire.freeze()
+        probe = asyncio.ensure_future(transport.ping())
+        await eventually(lambda: pongs)
+        probe.cancel()
+        await asyncio.wait({probe})
+        assert not pongs[0].cancelled()
+        wire.thaw()
+        await soon(pongs[0])
+
+
 async def test_bad_frames_are_not_a_sign_of_life() -> None:
     async with linked("tcp", liveness_timeout=0.2) as (_peer, client, wire):
         async with repeating(lambda: wire.raw(b"\x02\xff\xff")):
