@@ -25,7 +25,12 @@ from tests.link.link_peer import (
     states,
     varint,
 )
-from woosh_robot_agent.link import ConnectionLostError
+from woosh_robot_agent.link import (
+    ConnectionLostError,
+    LinkError,
+    RequestTimeoutError,
+    SupersededError,
+)
 from woosh_robot_agent.link.connection import Liveness
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
@@ -180,6 +185,22 @@ def liveness_of(
 ) -> Liveness:
     """Return the liveness of a transport; by default its probes are never answered."""
     return Liveness(quiet, timeout, probe, lambda: quiet.sent)
+
+
+@pytest.mark.parametrize("error", [RequestTimeoutError, SupersededError])
+async def test_a_probe_that_fails_ends_no_link(error: type[LinkError]) -> None:
+    probes = 0
+
+    async def probe() -> None:
+        nonlocal probes
+        probes += 1
+        if probes < 3:
+            raise error("no answer, or not sent")
+
+    watching = asyncio.ensure_future(liveness_of(Quiet(), 0.4, probe).watch())
+    await eventually(lambda: probes >= 3)
+    assert not watching.done()
+    watching.cancel()
 
 
 @pytest.mark.parametrize("frames", [0, 1], ids=["one large frame", "many frames"])
