@@ -655,7 +655,7 @@ class Connection:
         self._liveness.note_alive()
         if envelope.defect:
             self._count_bad(FrameError("timestamp", envelope.defect))
-        if envelope.timestamp is not None:
+        if envelope.timestamp is not None and not envelope.is_large:  # a large one took long
             self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
         if envelope.sn:
             self._answer(envelope, overtaken_by)

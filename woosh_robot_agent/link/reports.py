@@ -56,8 +56,8 @@ class LinkStats:
         round_trip: round-trip time of the last answered request or ping, in seconds; None before
             the first.
         clock_offset: time by which the chassis's clock is ahead of this computer's, in seconds; too
-            small by the transit time of the last frame. None if no frame of the connection has had
-            a time.
+            small by the transit time of the last frame, large ones excepted. None if no such frame
+            of the connection has had a time.
     """
 
     connects: int = 0
