@@ -214,7 +214,11 @@ class Subscriptions:
     # Start of a connection
 
     def hold(self) -> None:
-        """Hold back pushes and answers from now on, until it is known which robot sends them."""
+        """Hold back pushes and answers from now on, until it is known which robot sends them.
+
+        Large pushes that are not prepared yet belong to another link, and are discarded.
+        """
+        self._clear_lanes()
         self._held = PushQueue(self._depths, self._stats.dropped_pushes)
 
     def release(self) -> None:
@@ -302,9 +306,13 @@ class Subscriptions:
                     slice_started = now()
         finally:
             self._preparing = False
-            for task in self._lane_tasks:
-                task.cancel()
-            self._lanes.clear()
+            self._clear_lanes()
+
+    def _clear_lanes(self) -> None:
+        """Discard the large pushes that are not prepared yet, and the pushes behind them."""
+        for task in self._lane_tasks:
+            task.cancel()
+        self._lanes.clear()
 
     def _deliver(self, body: Body) -> None:
         """Deliver a push, or put it into the lane of its type, if it or an earlier one is large."""
