@@ -278,7 +278,7 @@ async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFi
 def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drops = DropLog(logging.getLogger("woosh_robot_agent.link"), quiet=3.0)
+    drops = DropLog(logging.getLogger("woosh_robot_agent.link"))
     for now in (1.0, 3.0, 5.0, 9.0):
         monkeypatch.setattr("time.monotonic", lambda now=now: now)
         drops.warn("things", f"lost at {now}")

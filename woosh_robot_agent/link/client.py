@@ -174,7 +174,6 @@ class ChassisClient:
 
         The robot must stay the same: if another one answers at a new address, it is refused.
         """
-        self._subscriptions.set_depth(config.push_queue)
         await self._reconnect.reconfigure(config)
 
     # Requests
