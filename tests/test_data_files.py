@@ -123,6 +123,9 @@ def test_errors_name_the_place_and_what_is_allowed(text: str, said: str) -> None
     [
         ("a: [1", "box.yaml: not readable as YAML: "),
         ("day: 2025-02-31", "box.yaml: not readable as YAML: day is out of range for month"),
+        ('a: !!int ""', "box.yaml: not readable as YAML: "),
+        ("a: !!bool x", "box.yaml: not readable as YAML: "),
+        ("a: !!timestamp x", "box.yaml: not readable as YAML: "),
         ("[" * 21 + "]" * 21, "box.yaml: nested more than 20 levels deep"),
         ("a: {b: 1, c: 2, b: 3}", "box.yaml: not readable as YAML: the key b is used twice in"),
         ("1: a\n'1': b\n1: c", "box.yaml: not readable as YAML: the key 1 is used twice in"),

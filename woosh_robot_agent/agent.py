@@ -63,7 +63,7 @@ _ROS_OPTION = (
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the agents until SIGINT or SIGTERM; return the exit status.
+    """Run the agents until SIGINT, SIGTERM or SIGHUP; return the exit status.
 
     After its return, these signals are ignored, because the process is about to end. `args` are by
     default the arguments of the command line.

@@ -93,8 +93,8 @@ def load_yaml(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
         return yaml.load(data, _Loader)
     except DataFileError:
         raise
-    except (yaml.YAMLError, ValueError) as error:
-        # The loader raises ValueError for an invalid date.
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError) as error:
+        # The loader raises other errors than its own for values such as an invalid date.
         reason = " ".join(str(error).split())
         raise DataFileError(f"{name}: not readable as YAML: {reason[:300]}") from error
 

@@ -12,8 +12,17 @@ from collections.abc import Callable
 # Import nothing slow here: programs import this module before they can handle signals.
 
 
+def end_signals() -> tuple[signal.Signals, ...]:
+    """Return the signals that end a program: SIGINT, SIGTERM and SIGHUP.
+
+    SIGHUP, which a closed terminal sends, is left out where `nohup` has made the program ignore it.
+    """
+    is_default = signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+    return signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if is_default else ())
+
+
 class StopSignals:
-    """Handler of SIGINT and SIGTERM that sets a flag instead of ending the program.
+    """Handler of `end_signals` that sets a flag instead of ending the program.
 
     Attributes:
         received: True once a signal has arrived.
@@ -27,10 +36,7 @@ class StopSignals:
         os.set_blocking(self.fd, False)
         os.set_blocking(self._write_end, False)
         self._former_fd = signal.set_wakeup_fd(self._write_end, warn_on_full_buffer=False)
-        self._former = {
-            number: signal.signal(number, self._handle)
-            for number in (signal.SIGINT, signal.SIGTERM)
-        }
+        self._former = {number: signal.signal(number, self._handle) for number in end_signals()}
 
     def ignore(self) -> None:
         """Ignore further signals, which would change the exit status of an ending program."""

@@ -5,17 +5,17 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, linked, soon
+from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, linked, soon, turns
 from woosh_robot_agent.link import Body, LinkState, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.tasks import LARGE
+from woosh_robot_agent.link.tasks import LARGE, aside
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, PoseSpeed, RobotInfo
@@ -52,15 +52,20 @@ def gate() -> Iterator[threading.Event]:
     opened.set()
 
 
-async def occupy(peer: Peer, client: Any, gate: threading.Event) -> None:
-    """Have the thread for large messages wait for an event, in the conversion of a push."""
+async def occupy(
+    peer: Peer, client: Any, gate: threading.Event, take: Callable[[Any], None] = lambda _: None
+) -> None:
+    """Have the thread for large messages wait for an event, in the conversion of a push.
+
+    `take` is called with None when the push is delivered.
+    """
     began = threading.Event()
 
     def prepare(push: Body) -> None:
         began.set()
         assert gate.wait(TIMEOUT)
 
-    client.subscribe_raw(NavPath, lambda prepared: None, prepare)
+    client.subscribe_raw(NavPath, take, prepare)
     await (await peer.wire()).push(full_name(NavPath), body(path(POSES)))
     await eventually(began.is_set)
 
@@ -202,6 +207,21 @@ async def test_a_link_that_ends_before_its_robot_info_is_delivered_was_never_rea
         gate.set()
         await eventually(lambda: LinkState.READY in states)
         await client.close()
+
+
+async def test_a_large_push_of_a_lost_link_does_not_follow_the_new_robot_info(
+    gate: threading.Event,
+) -> None:
+    async with Peer() as peer, peer.client() as client:
+        seen: list[Any] = []
+        client.on_snapshot(seen.append)
+        await occupy(peer, client, gate, seen.append)
+        (await peer.wire()).abort()
+        await eventually(lambda: seen)
+        gate.set()
+        await aside(int)  # the conversion has ended
+        await turns()
+        assert seen == [RobotInfo()]
 
 
 @pytest.mark.parametrize("is_cancelled", [True, False])

@@ -71,7 +71,7 @@ def test_the_error_names_the_invalid_value(name: str, value: Any) -> None:
 @pytest.mark.parametrize(
     ("change", "keeps"),
     [
-        ({"request_timeout": 1.0, "max_in_flight": 5}, True),
+        ({"request_timeout": 1.0, "connect_timeout": 6.0, "handshake_timeout": 6.0}, True),
         ({"encoding": "protobuf"}, False),
         ({"ip": "10.0.0.2"}, False),
         ({"port": 5479}, False),

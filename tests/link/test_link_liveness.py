@@ -25,7 +25,12 @@ from tests.link.link_peer import (
     states,
     varint,
 )
-from woosh_robot_agent.link import ConnectionLostError
+from woosh_robot_agent.link import (
+    ConnectionLostError,
+    LinkError,
+    RequestTimeoutError,
+    SupersededError,
+)
 from woosh_robot_agent.link.connection import Liveness
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 
@@ -82,6 +87,27 @@ async def test_a_quiet_chassis_that_answers_probes_stays_connected(kind: str) ->
             assert set(asked) == {"woosh.robot.RobotState"}
         else:
             assert asked == []
+
+
+async def test_a_cancelled_ping_does_not_cancel_the_pong() -> None:
+    """Up to websockets 14.1, the arrival of a cancelled pong ends the connection."""
+    async with linked() as (_peer, client, wire):
+        transport: Any = client._connection._transport  # type: ignore[union-attr]
+        ping, pongs = transport._socket.ping, []
+
+        async def noted() -> Any:
+            pongs.append(await ping())
+            return pongs[-1]
+
+        transport._socket.ping = noted
+        wire.freeze()
+        probe = asyncio.ensure_future(transport.ping())
+        await eventually(lambda: pongs)
+        probe.cancel()
+        await asyncio.wait({probe})
+        assert not pongs[0].cancelled()
+        wire.thaw()
+        await soon(pongs[0])
 
 
 async def test_bad_frames_are_not_a_sign_of_life() -> None:
@@ -159,6 +185,22 @@ def liveness_of(
 ) -> Liveness:
     """Return the liveness of a transport; by default its probes are never answered."""
     return Liveness(quiet, timeout, probe, lambda: quiet.sent)
+
+
+@pytest.mark.parametrize("error", [RequestTimeoutError, SupersededError])
+async def test_a_probe_that_fails_ends_no_link(error: type[LinkError]) -> None:
+    probes = 0
+
+    async def probe() -> None:
+        nonlocal probes
+        probes += 1
+        if probes < 3:
+            raise error("no answer, or not sent")
+
+    watching = asyncio.ensure_future(liveness_of(Quiet(), 0.4, probe).watch())
+    await eventually(lambda: probes >= 3)
+    assert not watching.done()
+    watching.cancel()
 
 
 @pytest.mark.parametrize("frames", [0, 1], ids=["one large frame", "many frames"])

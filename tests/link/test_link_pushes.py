@@ -27,6 +27,7 @@ from tests.link.link_peer import (
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.reports import DropLog, LinkRecord
 from woosh_robot_agent.link.subscriptions import LATEST_DEPTH, PushQueue, Subscriptions
+from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, PoseSpeed, RobotInfo, TaskProc
@@ -277,7 +278,7 @@ async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFi
 def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drops = DropLog(logging.getLogger("woosh_robot_agent.link"), quiet=3.0)
+    drops = DropLog(logging.getLogger("woosh_robot_agent.link"))
     for now in (1.0, 3.0, 5.0, 9.0):
         monkeypatch.setattr("time.monotonic", lambda now=now: now)
         drops.warn("things", f"lost at {now}")
@@ -342,3 +343,8 @@ async def test_pushes_tell_the_difference_of_the_clocks_too() -> None:
             await eventually(
                 lambda ahead=ahead: abs((client.stats.clock_offset or 0.0) - ahead) < 600  # type: ignore[misc]
             )
+        received = client.stats.rx  # a large push takes long, and its time is then old
+        large = {"type": CODE, "body": {"msg": "x" * LARGE}, "timestamp": 1_700_000_000_000}
+        await wire.send(large)
+        await eventually(lambda: client.stats.rx > received)
+        assert abs((client.stats.clock_offset or 0.0) - ahead) < 600

@@ -175,12 +175,19 @@ async def test_what_was_sent_to_the_agent_after_a_stop_moves_the_robot() -> None
         assert len(types(rig.wire)) == ORDERS + len(MOVING) + len(slower)
 
 
-async def test_a_stop_without_an_answer_says_so() -> None:
+@pytest.mark.parametrize(
+    ("is_busy", "reason"),
+    [(False, "the chassis did not answer"), (True, "not sent: the connection was busy")],
+)
+async def test_a_stop_without_an_answer_says_so(is_busy: bool, reason: str) -> None:
     async with gated(answer_nothing) as rig:
+        load = await block(rig.client, rig.wire) if is_busy else None
         report = await soon(rig.gate.stop(0.03))
         assert not report.success
-        assert report.message.startswith("NOT STOPPED: the chassis did not answer")
+        assert report.message.startswith(f"NOT STOPPED: {reason}")
         assert report.message.endswith("press its emergency stop")
+        if load is not None:
+            load.cancel()
 
 
 async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_cancel() -> None:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.link.link_peer import INFO, TIMEOUT, Frame, Wire, eventually, soon, turns
+from tests.link.link_peer import INFO, TIMEOUT, Frame, Wire, block, eventually, soon, turns
 from tests.motion.gate_checks import NEVER, RUNNING, Rig, answer_all, feedback, gated, ok, speeds
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.tasks import cancel_and_wait
@@ -374,6 +374,18 @@ async def test_velocities_that_are_not_permitted_are_refused_and_silence_the_str
         stream.drive(0.0)
         stream.drive(0.4)
         await stream.sent(0.4)
+
+
+async def test_a_zero_that_was_not_sent_is_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    async with driving() as stream:
+        client = stream.rig.client
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        load = await block(client, stream.rig.wire)
+        await client.reconfigure(replace(client.config, request_timeout=0.02))
+        stream.drive(0.0)
+        await eventually(lambda: "joystick: not sent: the connection was busy" in caplog.text)
+        load.cancel()
 
 
 # The pace of a stream that has a maximum rate

@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -34,11 +35,16 @@ READY = re.compile(r"simulated chassis ready on ws://[\d.]+:(\d+) and tcp://[\d.
 
 @contextmanager
 def running(
-    *arguments: str, program: Sequence[str] = PROGRAM
+    *arguments: str, program: Sequence[str] = PROGRAM, on_hangup: Any = signal.SIG_DFL
 ) -> Iterator[tuple[subprocess.Popen[str], int, int]]:
     """Run the simulator as a program. Yield its process, WebSocket port and TCP port."""
-    command = [*program, "--port", "0", "--tcp-port", "0", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [*program, "--port", "0", "--tcp-port", "0", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, on_hangup),
+    )
     assert process.stdout
     try:
         ready = READY.fullmatch(process.stdout.readline())
@@ -97,6 +103,18 @@ def test_client_is_served_after_a_signal() -> None:
         client.next_push("woosh.robot.PoseSpeed")
         client.ask("woosh.robot.Twist")
         client.close()
+        assert process.communicate(timeout=TIMEOUT) == ("", "")
+        assert process.returncode == 0
+
+
+@pytest.mark.parametrize("on_hangup", [signal.SIG_DFL, signal.SIG_IGN], ids=["plain", "nohup"])
+def test_a_closed_terminal_ends_the_program_unless_nohup_has_started_it(on_hangup: Any) -> None:
+    with running(on_hangup=on_hangup) as (process, port, _):
+        process.send_signal(signal.SIGHUP)
+        if on_hangup is signal.SIG_IGN:
+            with closing(JsonClient(port)) as client:
+                client.ask("woosh.robot.Mode")
+            process.send_signal(signal.SIGTERM)
         assert process.communicate(timeout=TIMEOUT) == ("", "")
         assert process.returncode == 0
 

@@ -23,8 +23,10 @@ def start(tool: str, *arguments: str, **streams: Any) -> Iterator[Any]:
         [sys.executable, "-m", "woosh_robot_agent.tools", tool, *arguments],
         **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams},
         text=True,
-        # as in a terminal: tests that run in the background pass on that SIGINT is ignored
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        # as in a terminal: tests that run in the background pass on which signals are ignored
+        preexec_fn=lambda: [
+            signal.signal(number, signal.SIG_DFL) for number in (signal.SIGINT, signal.SIGHUP)
+        ],
     ) as process:
         try:
             yield process

@@ -43,7 +43,7 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
     robots = read(
         tmp_path,
         """
-        /**: {ros__parameters: {robots: [hall/r1, r2, r3], ip: gateway, backoff_max: 3}}
+        /**: {ros__parameters: {robots: [hall/r1, r2, r3], ip: gateway, connect_timeout: 20}}
         /hall/*/agent: {ros__parameters: {robot_id: 7}}
         /r2/agent: {ros__parameters: {robot_id: 8, transport: tcp, serial_number: 17}}
         r3: {agent: {ros__parameters: {ip: 10.0.0.3}}}
@@ -52,7 +52,8 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
         encoding="protobuf",
         request_timeout=4.0,
     )
-    common = {"encoding": "protobuf", "request_timeout": 4.0, "backoff_max": 3}
+    timeouts = {"connect_timeout": 20, "handshake_timeout": 20, "request_timeout": 4.0}
+    common = {"encoding": "protobuf", **timeouts}
     assert {each.name: each.link for each in robots} == {
         "hall/r1": LinkConfig(ip="gateway", robot_id=7, **common),  # type: ignore[arg-type]
         "r2": LinkConfig(ip="gateway", robot_id=8, transport="tcp", **common),  # type: ignore[arg-type]

@@ -174,7 +174,6 @@ class ChassisClient:
 
         The robot must stay the same: if another one answers at a new address, it is refused.
         """
-        self._subscriptions.set_depth(config.push_queue)
         await self._reconnect.reconfigure(config)
 
     # Requests
@@ -199,8 +198,9 @@ class ChassisClient:
             first: True to send it ahead of all other waiting requests, and even if `max_in_flight`
                 requests are in flight.
             tap: callback that gets the answer in order with the pushes: after those that arrived
-                before it, and before those that arrived after it. `request` itself may return
-                before earlier pushes are delivered.
+                before it, and before those that arrived after it. Large pushes, and those of the
+                same type behind them, may come later, and a large answer, too. `request` itself
+                may return before earlier pushes are delivered.
 
         Raises:
             NotConnectedError: there is no link; nothing was sent.
@@ -291,8 +291,7 @@ class ChassisClient:
     def on_accepted(self, cls: type[Message], callback: Callable[[], None]) -> None:
         """Call `callback` in the event loop whenever the chassis accepts a request of `cls`.
 
-        The calls are in order with the pushes: after those that arrived before the answer, and
-        before all later ones.
+        The calls are in order with the pushes, like those of `tap` in `request`.
         """
         self._accepted_callbacks.setdefault(full_name(cls), []).append(callback)
 

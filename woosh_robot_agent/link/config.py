@@ -55,15 +55,7 @@ MIB = 1024 * 1024
 """One mebibyte, in bytes."""
 
 
-_CHANGEABLE = (
-    "request_timeout",
-    "connect_timeout",
-    "handshake_timeout",
-    "close_timeout",
-    "stable_after",
-    "max_in_flight",
-    "push_queue",
-)
+_CHANGEABLE = ("request_timeout", "connect_timeout", "handshake_timeout")
 """Fields of a configuration that can change without a new connection."""
 
 
@@ -90,7 +82,7 @@ class LinkConfig:
         max_frame_size: largest frame that is read, in bytes.
         max_in_flight: maximum number of requests in flight.
         push_queue: maximum number of pushes that are queued for slow consumers, for each of these
-            types: status codes, task reports, feedbacks.
+            types: status codes, task reports, feedbacks. A client keeps the value it began with.
         robot_id: id of the robot behind a gateway, for the link's own requests; 0 sends no id.
 
     Raises:

@@ -172,7 +172,8 @@ class Liveness:
                     quiet = self._measure_silence()
                 if probe.done():
                     probe.result()
-            except RequestTimeoutError:  # a probe that is a request: only the silence decides
+            # a probe that is a request: only the silence decides
+            except (RequestTimeoutError, SupersededError):
                 pass
             finally:
                 await cancel_and_wait(probe)
@@ -303,6 +304,13 @@ class _Outgoing:
     urgent: bool
 
 
+def _not_connected(name: str, cause: LinkError) -> NotConnectedError:
+    """Return the error of a request that was not sent before `cause` ended the connection."""
+    error = NotConnectedError(NAMED_NOT_SENT(name=name, reason=said_by(cause)))
+    error.__cause__ = cause
+    return error
+
+
 class Connection:
     """One connection over an open transport; cannot be reused after its end.
 
@@ -378,13 +386,12 @@ class Connection:
         """Send a request and wait for its answer, which may be a refusal.
 
         Raises:
-            NotConnectedError: the connection has ended; nothing was sent.
+            NotConnectedError: the connection has ended, and nothing was sent; has the cause.
             LinkError: no answer arrived; `ChassisClient.request` lists the classes.
         """
         name = full_name(message)
         if self._cause is not None:
-            reason = said_by(self._cause)
-            raise NotConnectedError(NAMED_NOT_SENT(name=name, reason=reason)) from self._cause
+            raise _not_connected(name, self._cause)
         urgent = how.urgent or how.first
         if not urgent:
             self._check_in_flight(name)
@@ -415,19 +422,15 @@ class Connection:
             self._stats.round_trip = self._loop.time() - started
             return answer
         finally:
-            if self._outbox.pop(sn, None) is not None:  # the caller no longer waits for it
-                self._outbox_changed.set()  # another frame may be the first one now
+            self._discard_unsent(sn)  # the caller no longer waits for it
             del self._pending[sn]
             self._urgent_pending -= urgent
 
     def withdraw(self, which: Callable[[Message], bool], reason: str) -> None:
         """Withdraw requests that wait to be sent: each fails with a SupersededError."""
         for sn, pending in self._pending.items():
-            if sn in self._outbox and which(pending.message):
-                del self._outbox[sn]
-                self._outbox_changed.set()  # another frame may be the first one now
-                if not pending.future.done():
-                    pending.future.set_exception(SupersededError(NOT_SENT(reason=reason)))
+            if which(pending.message) and self._discard_unsent(sn) and not pending.future.done():
+                pending.future.set_exception(SupersededError(NOT_SENT(reason=reason)))
 
     def subscribe(self, topics: list[str], *, on: bool) -> None:
         """Subscribe to or unsubscribe from pushes of these types. The chassis does not answer.
@@ -466,10 +469,14 @@ class Connection:
         if self._cause is not None:
             return
         self._cause = cause
-        for pending in self._pending.values():
+        for sn, pending in self._pending.items():
             if not pending.future.done():
                 # a separate error for each: a raised one keeps the variables of its caller alive
-                pending.future.set_exception(type(cause)(said_by(cause)))
+                pending.future.set_exception(
+                    _not_connected(pending.name, cause)
+                    if sn in self._outbox
+                    else type(cause)(said_by(cause))
+                )
         self._outbox.clear()
         if not self.ended.done():
             self.ended.set_result(cause)
@@ -512,6 +519,13 @@ class Connection:
     def _put(self, key: int, frame: _Outgoing) -> None:
         self._outbox[key] = frame
         self._outbox_changed.set()
+
+    def _discard_unsent(self, sn: int) -> bool:
+        """Remove a request from the outbox; return False if it is not there, e.g. was sent."""
+        if self._outbox.pop(sn, None) is None:
+            return False
+        self._outbox_changed.set()  # another frame may be the first one now
+        return True
 
     async def _write(self) -> None:
         """Send the frames in the outbox, until cancelled."""
@@ -578,11 +592,14 @@ class Connection:
     def _expire(self, now: float) -> float:
         """Fail the requests whose deadline has passed; return the next deadline."""
         following = math.inf
-        for pending in self._pending.values():
+        for sn, pending in self._pending.items():
             if pending.future.done():
                 continue
             if pending.deadline > now:
                 following = min(following, pending.deadline)
+                continue
+            if self._discard_unsent(sn):
+                self._fail_outdated(sn)
                 continue
             self._stats.timeouts[pending.name] += 1
             pending.future.set_exception(
@@ -638,7 +655,7 @@ class Connection:
         self._liveness.note_alive()
         if envelope.defect:
             self._count_bad(FrameError("timestamp", envelope.defect))
-        if envelope.timestamp is not None:
+        if envelope.timestamp is not None and not envelope.is_large:  # a large one took long
             self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
         if envelope.sn:
             self._answer(envelope, overtaken_by)

@@ -56,8 +56,8 @@ class LinkStats:
         round_trip: round-trip time of the last answered request or ping, in seconds; None before
             the first.
         clock_offset: time by which the chassis's clock is ahead of this computer's, in seconds; too
-            small by the transit time of the last frame. None if no frame of the connection has had
-            a time.
+            small by the transit time of the last frame, large ones excepted. None if no such frame
+            of the connection has had a time.
     """
 
     connects: int = 0
@@ -159,22 +159,17 @@ _QUIET = 3.0
 
 
 class DropLog:
-    """Logs the first of drops that follow each other closely; totals are in counters.
+    """Logs the first of drops that follow each other closely; totals are in counters."""
 
-    Args:
-        quiet: time without a drop of the same kind after which the next is logged, in seconds.
-    """
-
-    def __init__(self, logger: logging.Logger, quiet: float = _QUIET) -> None:
+    def __init__(self, logger: logging.Logger) -> None:
         self._logger = logger
-        self._quiet = quiet
         self._latest: dict[str, float] = {}
         """Monotonic time of the latest drop, by kind."""
 
     def warn(self, kind: str, text: str) -> None:
         """Log `text` unless there was a drop of the same kind just before."""
         now = time.monotonic()
-        if now - self._latest.get(kind, -math.inf) > self._quiet:
+        if now - self._latest.get(kind, -math.inf) > _QUIET:
             self._logger.warning("%s", text)
         self._latest[kind] = now
 

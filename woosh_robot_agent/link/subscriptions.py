@@ -157,9 +157,9 @@ class Subscriptions:
         self._consumers: dict[str, list[Consumer]] = {}
         """Consumers of pushes, by type."""
         self._snapshot_consumers: list[Consumer] = []
-        self._depths = {_ANSWER: math.inf}  # the number of requests limits the answers
+        # the number of requests limits the answers
+        self._depths = {_ANSWER: math.inf, **dict.fromkeys(EVENT_PUSHES, depth)}
         """Maximum number of queued pushes, by type."""
-        self.set_depth(depth)
         self._queue = PushQueue(self._depths, self._stats.dropped_pushes)
         self._lanes: dict[str, deque[Body]] = {}
         """Large pushes that wait to be prepared, and later pushes of the same type, by type."""
@@ -169,10 +169,6 @@ class Subscriptions:
         """True while a large RobotInfo is prepared; later pushes wait in the queue."""
         self._held: PushQueue | None = None
         """Pushes and answers that arrive during a handshake; None after it."""
-
-    def set_depth(self, depth: int) -> None:
-        """Change the maximum number of queued pushes for each of `EVENT_PUSHES`."""
-        self._depths.update(dict.fromkeys(EVENT_PUSHES, depth))
 
     @property
     def queued(self) -> int:
@@ -214,7 +210,11 @@ class Subscriptions:
     # Start of a connection
 
     def hold(self) -> None:
-        """Hold back pushes and answers from now on, until it is known which robot sends them."""
+        """Hold back pushes and answers from now on, until it is known which robot sends them.
+
+        Large pushes that are not prepared yet belong to another link, and are discarded.
+        """
+        self._clear_lanes()
         self._held = PushQueue(self._depths, self._stats.dropped_pushes)
 
     def release(self) -> None:
@@ -302,9 +302,13 @@ class Subscriptions:
                     slice_started = now()
         finally:
             self._preparing = False
-            for task in self._lane_tasks:
-                task.cancel()
-            self._lanes.clear()
+            self._clear_lanes()
+
+    def _clear_lanes(self) -> None:
+        """Discard the large pushes that are not prepared yet, and the pushes behind them."""
+        for task in self._lane_tasks:
+            task.cancel()
+        self._lanes.clear()
 
     def _deliver(self, body: Body) -> None:
         """Deliver a push, or put it into the lane of its type, if it or an earlier one is large."""

@@ -55,7 +55,7 @@ async def cancel_and_wait(*tasks: asyncio.Future[Any]) -> None:
     """Cancel tasks and wait for their end, at most one second."""
     for task in tasks:
         task.cancel()
-        task.add_done_callback(_retrieve_exception)
+        task.add_done_callback(retrieve_exception)
     if tasks:
         await asyncio.wait(tasks, timeout=_GRACE)
 
@@ -88,7 +88,7 @@ def abort_transport(transport: asyncio.WriteTransport) -> None:
         transport.abort()
 
 
-def _retrieve_exception(task: asyncio.Future[Any]) -> None:
+def retrieve_exception(task: asyncio.Future[Any]) -> None:
     """Mark the exception of an ended task as retrieved, so that asyncio does not log it."""
     if not task.cancelled():
         task.exception()

@@ -17,6 +17,7 @@ from woosh_robot_agent.link.tasks import (
     abort_transport,
     cancel_and_wait,
     close_or_abort,
+    retrieve_exception,
     run_with_timeout,
 )
 from woosh_robot_agent.sentences import Sentence
@@ -336,7 +337,12 @@ class WebSocketTransport:
 
     async def ping(self) -> bool:
         try:
-            await (await self._socket.ping())
+            pong = await self._socket.ping()
+            pong.add_done_callback(retrieve_exception)
+            # not `await pong`, which a cancellation of this call would cancel, too: up to
+            # websockets 14.1, the arrival of a cancelled pong ends the connection
+            await asyncio.wait({pong})
+            pong.result()
         except ConnectionClosed as error:
             raise TransportClosedError(_reason(error)) from None
         return True

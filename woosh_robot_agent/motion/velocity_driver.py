@@ -339,8 +339,9 @@ class VelocityDriver:
         try:
             sender = Sender(self._name, published, self._max_age)
             await self._gate.request(velocity, sender=sender)
-        except SupersededError as error:  # normal while the chassis is slow
-            _LOG.debug("%s: %s", self._name, error)
+        except SupersededError as error:  # normal while the chassis is slow, but not for a zero
+            level = logging.DEBUG if may_move(velocity) else logging.WARNING
+            _LOG.log(level, "%s: %s", self._name, error)
         except LinkError as error:
             self._log.warn("request", f"{self._name} was not sent or not answered: {error}")
 

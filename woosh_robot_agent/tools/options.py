@@ -1,4 +1,4 @@
-"""Options that the tools share, and the event that SIGINT and SIGTERM set."""
+"""Options that the tools share, and the event that ends them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import asyncio
 import ipaddress
 import math
 import re
-import signal
 import sys
 from typing import Any, NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS, url_host
+from woosh_robot_agent.program import end_signals
 
 
 def tool_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentParser:
@@ -26,9 +26,9 @@ def tool_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentPa
 
 
 def stop_event() -> asyncio.Event:
-    """Return an event that SIGINT and SIGTERM set. Needs a running event loop."""
+    """Return an event that each of `end_signals` sets. Needs a running event loop."""
     stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in end_signals():
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     return stop
 

@@ -88,7 +88,7 @@ class VehicleNameFilter(logging.Filter):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the connector until SIGINT or SIGTERM.
+    """Run the connector until SIGINT, SIGTERM or SIGHUP.
 
     Args:
         arguments: arguments of the program; by default from the command line.

@@ -117,6 +117,7 @@ def _robot(name: str, parameters: dict[str, Any], default: LinkConfig) -> Listed
         raise ValueError(f"it needs an ip; set it under /{name}/{_NODE}")
     # `parameters` also has those that are not of the link; `known_only=False` ignores them
     options = asdict(default) | parameters
+    options["handshake_timeout"] = options["connect_timeout"]  # one parameter, as in the agent
     link = structure(LinkConfig, options, "its parameters", known_only=False)
     serial_number = parameters.get("serial_number", "")
     if isinstance(serial_number, bool) or not isinstance(serial_number, str | int):

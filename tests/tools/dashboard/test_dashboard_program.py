@@ -30,8 +30,11 @@ async def end_while_driving(chassis: SimulatorThread, end: signal.Signals) -> in
         return int(process.returncode)
 
 
-async def test_the_end_of_the_program_stops_the_robot(chassis: SimulatorThread) -> None:
-    assert await end_while_driving(chassis, signal.SIGTERM) == 0
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGHUP])
+async def test_the_end_of_the_program_stops_the_robot(
+    end: signal.Signals, chassis: SimulatorThread
+) -> None:
+    assert await end_while_driving(chassis, end) == 0
     assert chassis.last(full_name(Twist)) == Twist()  # otherwise the chassis has stopped by itself
 
 

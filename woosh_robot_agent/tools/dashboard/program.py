@@ -36,7 +36,7 @@ shows. --ip can be repeated."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve the page until SIGINT or SIGTERM.
+    """Serve the page until SIGINT, SIGTERM or SIGHUP.
 
     Returns:
         The exit status: 0; 1 if the page cannot be served.

@@ -97,7 +97,7 @@ Exit status with --once: 0 if the printed state is up to date, 1 if it is not.""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Show the state of one robot until `q`, SIGINT or SIGTERM, or print it once.
+    """Show the state of one robot until `q`, SIGINT, SIGTERM or SIGHUP, or print it once.
 
     Returns:
         The exit status: 0; with `--once`, 1 if the printed state is incomplete or outdated.

@@ -69,7 +69,7 @@ Ctrl-C ends the recording."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Record until SIGINT or SIGTERM, or for the time of `--duration`.
+    """Record until SIGINT, SIGTERM or SIGHUP, or for the time of `--duration`.
 
     Returns:
         The exit status. 1 if the recording could not start or ended early, if frames or ROS

@@ -26,7 +26,7 @@ Ctrl-C ends the program."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Replay a recording until SIGINT or SIGTERM.
+    """Replay a recording until SIGINT, SIGTERM or SIGHUP.
 
     Returns:
         The exit status: 0, or 1 if a file cannot be used or the program cannot listen.
