@@ -135,7 +135,7 @@ class WheelOwner:
 
     def task_ended(self, task_id: int) -> None:
         """Note the end of a task of which no report has told, only an answer of the chassis."""
-        if self._task.robot_task_id == task_id:
+        if self._task.robot_task_id == task_id > 0:
             self._task_changed(TaskProc())
 
     def action_ended(self, name: str) -> None:

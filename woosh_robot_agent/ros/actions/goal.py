@@ -376,6 +376,9 @@ class GoalKind(Protocol):
             LinkError: the chassis gave no answer.
         """
 
+    def note_polled_end(self, end: End) -> None:
+        """Tell the gate that the goal has ended, because perhaps no push has told it."""
+
     def failure(self, reason: str) -> Message:
         """Return the result for a goal that failed for `reason`."""
 

@@ -24,6 +24,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate, Sender
 from woosh_robot_agent.robot.code_log import GOAL_CANCEL
+from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.ros.actions.giving_up import Cancellation, GiveUp
 from woosh_robot_agent.ros.actions.goal import (
     TRANSITIONS,
@@ -70,6 +71,8 @@ class GoalContext:
     """The link, for polls."""
     gate: MotionGate
     """Sends commands."""
+    last_known: LastKnown
+    """Last values that the chassis reported."""
     open_goals: OpenGoals
     """The open goals of the action, and of other actions if their goals replace each other."""
     timing: Callable[[], GoalTiming]
@@ -287,6 +290,8 @@ class GoalRun:
                 timer.cancel()
             end = self._handle(event)
             if end is not None:
+                if isinstance(event, Polled):
+                    self._kind.note_polled_end(end)
                 return await self._end_for_client(end)
 
     async def _end_for_client(self, end: End) -> End:
