@@ -59,6 +59,10 @@ _CHECK_PERIOD = 0.1
 REPLACED = "replaced by a newer goal that the chassis accepted"
 STOPPING = "the agent is stopping; the robot may still be executing the goal"
 _DISPLACED = "the chassis stopped executing the goal, but did not report how it ended"
+_CANCEL_REFUSED = (
+    "the chassis refused the cancel, and its answers do not mention the goal; the robot may still "
+    "be executing it"
+)
 _NOTHING_CANCELLED = "the chassis accepted the cancel, but reported no end: nothing was running"
 _NO_REASON = "the chassis refused the goal without giving a reason"
 
@@ -435,6 +439,7 @@ class GoalRun:
     def _cancel_refused(self) -> None:
         """After a refused cancel, poll the goal: perhaps it has ended, and the report was lost."""
         if self._attribution.has_report:
+            self._give_up.is_cancel_refused = True
             self._poll_soon()
         else:
             self._poll_once_begun()
@@ -482,6 +487,8 @@ class GoalRun:
         # the answer does not tell, but a push has shown that the chassis does not execute this goal
         if why_unknown is None and self._is_displaced:
             why_unknown = _DISPLACED
+        elif why_unknown is None and self._give_up.is_cancel_refused and not polled.result.reports:
+            why_unknown = _CANCEL_REFUSED
         has_report = self._attribution.has_report
         # until the goal is accepted, its start request may still be on its way
         if why_unknown is None or not self.phase.accepted:
