@@ -154,7 +154,8 @@ class Interleaving:
 
     Each publisher numbers its messages in ascending order. A number that is not above the previous
     one comes from another publisher, or from one that was restarted. If this happens twice within
-    `WINDOW`, it was no restart.
+    `WINDOW`, it was no restart. The number 1 does not count: in a shell script, each message may
+    come from a publisher of its own.
     """
 
     def __init__(self) -> None:
@@ -175,7 +176,7 @@ class Interleaving:
         """
         if number is None or number in _UNNUMBERED:
             return False
-        if number <= self._last:
+        if 1 != number <= self._last:
             self._setbacks.append(now)
         self._last = number
         return len(self._setbacks) == 2 and now - self._setbacks[0] < WINDOW
