@@ -302,7 +302,6 @@ class GoalRun:
         """Return the end to send to the client: an unrequested cancel becomes an abort."""
         if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
             return end
-        self._advance(Step.UNREQUESTED_CANCEL)
         if await self._context.open_goals.newer_accepted(self):
             return self._aborted(REPLACED)
         return End(Outcome.ABORTED, end.result, Cause.AGENT)
