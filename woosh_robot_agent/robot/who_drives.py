@@ -64,14 +64,11 @@ class VelocitySources:
     Attributes:
         last: source of the last accepted velocity, zero included; empty before the first.
         last_time: monotonic time of that velocity.
-        overlap: time after which a silent source no longer drives, in seconds; by default
-            `OVERLAP`.
     """
 
     def __init__(self, gate: MotionGate) -> None:
         self.last = ""
         self.last_time = -math.inf
-        self.overlap = OVERLAP
         self._driving: dict[str, float] = {}
         """Monotonic time of the last velocity of each driving source, by name."""
         self._simultaneous: tuple[str, ...] = ()
@@ -90,7 +87,7 @@ class VelocitySources:
 
     def are_driving(self, now: float) -> bool:
         """Return True if a source drives at a monotonic time."""
-        return any(now - sent < self.overlap for sent in self._driving.values())
+        return any(now - sent < OVERLAP for sent in self._driving.values())
 
     def report(self, *sources: str) -> None:
         """Report sources that command velocities at the same time."""
@@ -122,7 +119,7 @@ class VelocitySources:
         self.last, self.last_time = source, now
         others = [name for name, sent in self._driving.items() if name != source]
         for name in others:
-            if now - self._driving[name] < self.overlap:
+            if now - self._driving[name] < OVERLAP:
                 self.report(source, name)
             else:
                 del self._driving[name]
