@@ -135,7 +135,8 @@ class StallWatch:
             self._beat(asyncio.get_running_loop())
 
     def stop(self) -> None:
-        """Stop watching."""
+        """Stop watching; a stall that has just ended counts."""
+        self.check()
         self._last = math.inf
         if self._timer is not None:
             self._timer.cancel()
