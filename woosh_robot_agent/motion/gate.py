@@ -175,10 +175,6 @@ _STALLED = Sentence(
 _GOAL = Said("a goal", "driver.a goal")
 
 
-class ZeroRefusedError(LinkError):
-    """The chassis refused a zero velocity; the robot may be moving."""
-
-
 class Sender(NamedTuple):
     """The sender of a command, and the time at which the command was published.
 
@@ -394,8 +390,7 @@ class MotionGate:
             timeout: time to wait for the answer to the zero, in seconds.
 
         Raises:
-            ZeroRefusedError: the chassis refused the zero.
-            LinkError: the chassis did not answer the zero.
+            LinkError: the chassis refused the zero, or did not answer it.
         """
         self._forbid(_CLOSING, math.inf)  # rule 5
         if self.driving:
@@ -590,12 +585,11 @@ class MotionGate:
         """Send a zero velocity ahead of all other requests, even if commands are not permitted.
 
         Raises:
-            ZeroRefusedError: the chassis refused the zero velocity.
-            LinkError: the chassis did not answer.
+            LinkError: the chassis refused the zero velocity, or did not answer.
         """
         answer = await self._send(Twist(), Sending(timeout, first=True, always=True))
         if not answer.ok:
-            raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.reason}")
+            raise LinkError(f"the chassis refused the zero velocity: {answer.reason}")
         self._drives_until = -math.inf
 
     async def _send_first(self, message: Message, timeout: float) -> Answer | LinkError:
