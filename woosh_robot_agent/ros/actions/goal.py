@@ -371,7 +371,7 @@ class GoalKind(Protocol):
         """
 
     def note_polled_end(self, end: End) -> None:
-        """Tell the gate that the goal has ended, because perhaps no push has told it."""
+        """Tell the gate of an end that a poll has told, and perhaps no push."""
 
     def failure(self, reason: str) -> Message:
         """Return the result for a goal that failed for `reason`."""
