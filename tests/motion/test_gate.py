@@ -31,6 +31,7 @@ from tests.motion.gate_checks import (
 from tests.motion.moving import MOVING
 from woosh_robot_agent.link import (
     ConnectionLostError,
+    LinkError,
     LinkState,
     NotConnectedError,
     NotPermittedError,
@@ -39,7 +40,6 @@ from woosh_robot_agent.link import (
     TooManyRequestsError,
 )
 from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
-from woosh_robot_agent.motion.gate import ZeroRefusedError
 from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Speak, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, kExecute
@@ -48,6 +48,8 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 REASON = "the settings of the link have changed"
 
 EXEC_TASK = "woosh.robot.ExecTask"
+SET = 1719959961
+"""Id of a set of tasks, in Unix seconds as that of a real one."""
 
 
 def is_zero(frame: Frame) -> bool:
@@ -421,16 +423,26 @@ async def test_what_another_client_starts_after_a_stop_is_not_cancelled(before: 
         await begins_uncancelled(rig, before + 1)
 
 
-async def test_a_set_that_begins_again_after_a_stop_is_not_cancelled() -> None:
-    first, second = 171995996101, 171995996102
+@pytest.mark.parametrize(
+    ("stopped", "start", "begins"),
+    [
+        (SET * 100 + 1, ExecPreTask(task_set_id=SET), [SET * 100 + 1, SET * 100 + 2]),
+        (4711, ExecTask(task_id=4711), [4711]),
+        (4711, ExecTask(task_id=4712), [4712]),  # as if it were the next one of set 47
+    ],
+    ids=["a set", "the same task", "another task"],
+)
+async def test_what_is_started_again_after_a_stop_is_not_cancelled(
+    stopped: int, start: Message, begins: list[int]
+) -> None:
     async with gated(hold=0.0, effect=NEVER) as rig:
-        await begins_uncancelled(rig, first)
+        await begins_uncancelled(rig, stopped)
         await soon(rig.gate.stop(TIMEOUT))
         await rig.wire.push("woosh.robot.TaskProc", {})
         await eventually(lambda: not rig.gate.owner)
-        await ok(rig.gate.request(ExecPreTask(task_set_id=first // 100)))
-        await begins_uncancelled(rig, first)
-        await begins_uncancelled(rig, second)
+        await ok(rig.gate.request(start))
+        for task_id in begins:
+            await begins_uncancelled(rig, task_id)
 
 
 @pytest.mark.parametrize("is_accepted", [False, True])
@@ -442,7 +454,7 @@ async def test_a_stopped_set_does_not_go_on_because_another_task_was_requested(
         return not waits and await answer_all(wire, frame)
 
     async with gated(chassis, hold=0.0, effect=NEVER) as rig:
-        await begins_uncancelled(rig, 171995996101)
+        await begins_uncancelled(rig, SET * 100 + 1)
         await soon(rig.gate.stop(TIMEOUT))
         await rig.wire.push("woosh.robot.TaskProc", {})
         await eventually(lambda: not rig.gate.owner)
@@ -453,7 +465,7 @@ async def test_a_stopped_set_does_not_go_on_because_another_task_was_requested(
             frame = await rig.wire.next(EXEC_TASK)
         sent = len(types(rig.wire))
         for stops in (1, 2):
-            body = {"robotTaskId": f"17199599610{stops + 1}", "state": "kExecuting"}
+            body = {"robotTaskId": f"{SET * 100 + stops + 1}", "state": "kExecuting"}
             await rig.wire.push("woosh.robot.TaskProc", body)
             await eventually(lambda stops=stops: len(types(rig.wire)) == sent + stops * ORDERS)
         if not is_accepted:
@@ -479,12 +491,12 @@ async def test_a_velocity_that_was_held_back_is_not_sent_after_a_task_was_reques
 async def test_the_next_of_a_set_that_had_ended_before_a_stop_is_not_cancelled() -> None:
     """E.g. after the stop of an idle robot."""
     async with gated(hold=0.0, effect=0.0) as rig:
-        await begins_uncancelled(rig, 171995996101)
+        await begins_uncancelled(rig, SET * 100 + 1)
         await rig.wire.push("woosh.robot.TaskProc", {})
         await eventually(lambda: not rig.gate.owner)
         await soon(rig.gate.stop(TIMEOUT))
         rig.gate.timing = replace(rig.gate.timing, effect=NEVER)
-        await begins_uncancelled(rig, 171995996102)
+        await begins_uncancelled(rig, SET * 100 + 2)
 
 
 async def test_a_start_after_a_stop_that_ended_one_before_it_began_is_not_cancelled() -> None:
@@ -518,10 +530,9 @@ async def test_a_task_of_another_client_that_a_stop_did_not_reach_is_cancelled(a
 @pytest.mark.parametrize("second", [2, 1], ids=["with more tasks", "that is repeated"])
 async def test_a_stop_ends_a_whole_task_set(when: str, second: int) -> None:
     """Real robots go on with the next task of a set when the cancelled one has ended."""
-    set_id = 1719959961
 
     async def report(number: int, state: str) -> None:
-        body = {"robotTaskId": str(set_id * 100 + number), "state": state}
+        body = {"robotTaskId": str(SET * 100 + number), "state": state}
         await rig.wire.push("woosh.robot.TaskProc", body)
 
     async def ends(number: int) -> None:
@@ -531,7 +542,7 @@ async def test_a_stop_ends_a_whole_task_set(when: str, second: int) -> None:
 
     async with gated(hold=0.0, effect=NEVER) as rig:
         if when == "before the first task":
-            await ok(rig.gate.request(ExecPreTask(task_set_id=set_id)))
+            await ok(rig.gate.request(ExecPreTask(task_set_id=SET)))
         else:
             await report(1, "kExecuting")
             await eventually(lambda: rig.gate.owner)
@@ -622,7 +633,7 @@ async def test_a_refused_zero_does_not_count_as_stopped() -> None:
         await ok(rig.drive(1))
         assert not (await rig.gate.request(Twist())).ok
         assert rig.gate.driving
-        with pytest.raises(ZeroRefusedError, match="refused the zero velocity: no remote control"):
+        with pytest.raises(LinkError, match="refused the zero velocity: no remote control"):
             await rig.gate.close(TIMEOUT)
 
 

@@ -28,7 +28,7 @@ from woosh_robot_agent.link import (
     SupersededError,
 )
 from woosh_robot_agent.motion import MotionTiming, Sender, timeliness
-from woosh_robot_agent.motion.timeliness import SenderClock
+from woosh_robot_agent.motion.timeliness import SenderClock, StallWatch
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, Twist
 
 SPEAK = "woosh.robot.Speak"
@@ -371,6 +371,14 @@ async def test_a_stall_while_the_link_is_being_made_counts() -> None:
         await rig.second_wire()
         with pytest.raises(SupersededError, match="stood still for"):
             await soon(rig.drive(1, sender=sent(0.2)))
+
+
+async def test_a_stall_counts_that_ends_with_the_loss_of_the_link() -> None:
+    watch = StallWatch(MotionTiming)
+    watch.start()
+    hold_up()
+    watch.stop()
+    assert watch.is_from_before(time.monotonic())
 
 
 async def test_a_stall_without_a_link_ends_before_the_next_link() -> None:

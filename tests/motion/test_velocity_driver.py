@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -14,7 +15,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.link.link_peer import INFO, TIMEOUT, Frame, Wire, block, eventually, soon, turns
-from tests.motion.gate_checks import NEVER, RUNNING, Rig, answer_all, feedback, gated, ok, speeds
+from tests.motion.gate_checks import (
+    NEVER,
+    RUNNING,
+    TWIST,
+    Rig,
+    answer_all,
+    feedback,
+    gated,
+    ok,
+    speeds,
+)
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion import (
@@ -54,7 +65,7 @@ class Stream:
     async def settle(self) -> None:
         """Wait until everything that is due now has reached the chassis."""
         await turns()
-        await ok(self.gate.request(Speak()))
+        await ok(self.gate.request(Speak(), TIMEOUT))
 
     async def task_runs(self) -> None:
         """Let another client of the chassis start a task."""
@@ -66,9 +77,10 @@ class Stream:
 async def driving(
     script: Callable[[Wire, Frame], Awaitable[bool]] = answer_all,
     hold: float = NEVER,
+    link: dict[str, float] | None = None,
     **limits: float,
 ) -> AsyncIterator[Stream]:
-    async with gated(script, hold=hold) as rig:
+    async with gated(script, link, hold=hold) as rig:
         stream = Stream(rig, replace(LIMITS, **limits))  # type: ignore[arg-type]
         running = asyncio.ensure_future(stream.driver.run())
         try:
@@ -157,6 +169,32 @@ async def test_zeros_in_between_do_not_exceed_the_rate() -> None:
         lasted = loop.time() - begun
         await stream.settle()
         assert len(speeds(stream.rig.wire)) < 3 * 20.0 * lasted, "zeros are sent at once"
+
+
+async def test_only_the_first_of_the_unanswered_velocities_is_a_warning(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    answers = False
+
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        return (frame["type"] == TWIST and not answers) or await answer_all(wire, frame)
+
+    def levels() -> list[str]:
+        texts = "joystick was not sent or not answered"
+        return [each.levelname for each in caplog.records if texts in each.getMessage()]
+
+    caplog.set_level(logging.DEBUG)
+    async with driving(chassis, link={"request_timeout": 0.5}, rate=1e9) as stream:
+        stream.drive(0.1)
+        await eventually(lambda: levels() == ["WARNING"])
+        stream.drive(0.2)
+        await eventually(lambda: levels() == ["WARNING", "DEBUG"])
+        answers = True
+        stream.drive(0.3)
+        await stream.settle()
+        answers = False
+        stream.drive(0.4)
+        await eventually(lambda: levels() == ["WARNING", "DEBUG", "WARNING"])
 
 
 async def test_silence_stops_the_robot() -> None:

@@ -29,6 +29,8 @@ from tests.node.goals import (
     task_set,
     until,
 )
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_ros_msgs.action import StepControl
@@ -109,18 +111,26 @@ def test_refused_newer_action_does_not_replace_the_older_one(robot: Robot) -> No
 
 @each_kind
 def test_lost_end_is_found_by_polling(robot: Robot, kind: Kind) -> None:
-    """Also that of a second goal, which ends with exactly the same report."""
+    """Also that of a second goal, which ends with exactly the same report.
+
+    The rest of the agent learns of it, too, so that e.g. cmd_vel is not refused any more.
+    """
 
     def without_the_end(out: Outgoing) -> list[Outgoing]:
         if out.type != kind.polls or out.sn:
             return [out]
-        state = out.body.state if kind is TASK else out.body.fbs[0].state  # type: ignore[union-attr]
-        return [] if state == kind.done else [out]
+        if isinstance(out.body, TaskProc):
+            return [out] if is_unfinished(out.body) else []
+        return [] if out.body.fbs[0].state == kind.done else [out]  # type: ignore[union-attr]
 
     robot.set_goal_timing(poll_period=0.3)
     robot.chassis.intercept(without_the_end)
     for _ in range(2):
         assert short(robot, kind).result()[0] == SUCCEEDED
+        assert not robot.gate.reported_owner
+        last = robot.agent.agent.robot.last_known.value(TaskProc)
+        assert last is not None
+        assert not is_unfinished(last)
 
 
 # Sets of tasks; tasks/test_task_sets.py has the rules

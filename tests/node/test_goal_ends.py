@@ -118,6 +118,29 @@ def ignore_cancels(sim: Any) -> None:
     sim.chassis.actions.cancel = lambda *args, **options: None
 
 
+# The chassis refuses a cancel
+
+
+@pytest.mark.parametrize(
+    ("kind", "refuses"),
+    [(TASK, True), (ACTION, True), (ACTION, False)],
+    ids=["task, polls refused", "action, polls refused", "action, polls without it"],
+)
+def test_goal_is_given_up_if_its_cancel_is_refused_and_nothing_reports_on_it(
+    robot: Robot, kind: Kind, refuses: bool
+) -> None:
+    """It has ended if the report of its end was lost, and would otherwise stay open for ever."""
+    goal = kind.running(robot)
+    robot.chassis.intercept(hide_actions)
+    if refuses:
+        robot.chassis.refuse(kind.polls, "unknown type")
+    robot.chassis.refuse(kind.cancels, "nothing is running")
+    wait_polled(robot.chassis, kind, 3)
+    assert not goal.done
+    goal.cancel()
+    goal.wait_aborted("refused the cancel", "the robot may still be executing it")
+
+
 # The chassis does not answer a cancel
 
 

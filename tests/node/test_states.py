@@ -168,9 +168,15 @@ class TestMap:
             cells_of(png([[0]], "GIF"))
         assert cells_of(png([[0]])) == (1, 1, cells_of(png([[0]]))[2])
 
+    @pytest.mark.parametrize("image_format", ["PNG", "PPM"])
+    def test_an_image_with_16_bits_gives_the_same_cells(self, image_format):
+        greys = [0, 60, 205, 254]
+        deep = png([[grey * 257 for grey in greys]], image_format, "I;16")
+        assert cells_of(deep) == cells_of(png([greys]))
 
-def png(rows: list[list[int]], image_format: str = "PNG") -> bytes:
-    image = Image.new("L", (len(rows[0]), len(rows)))
+
+def png(rows: list[list[int]], image_format: str = "PNG", mode: str = "L") -> bytes:
+    image = Image.new(mode, (len(rows[0]), len(rows)))
     image.putdata([grey for row in rows for grey in row])
     file = io.BytesIO()
     image.save(file, image_format)

@@ -13,11 +13,9 @@ import pytest
 from tests.link.link_peer import Frame, Peer, Wire, eventually
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.motion import MotionGate, Sender
+from woosh_robot_agent.robot import refusals, standstill, who_drives
 from woosh_robot_agent.robot.last_known import LastKnown
-from woosh_robot_agent.robot.refusals import CODE_DELAY, RefusalExplainer
-from woosh_robot_agent.robot.standstill import LIMIT
 from woosh_robot_agent.robot.watch import Watch
-from woosh_robot_agent.robot.who_drives import OVERLAP
 
 READY = {
     "mode": {"ctrl": 1, "work": 2},
@@ -56,9 +54,9 @@ class Rig:
     def __init__(
         self,
         info: Any,
-        limit: float = LIMIT,
-        overlap: float = OVERLAP,
-        code_delay: float = CODE_DELAY,
+        limit: float = standstill.LIMIT,
+        overlap: float = who_drives.OVERLAP,
+        code_delay: float = refusals.CODE_DELAY,
     ) -> None:
         self._limit, self._overlap, self._code_delay = limit, overlap, code_delay
         self.peer = Peer(info=info, script=self._handle)
@@ -69,22 +67,28 @@ class Rig:
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[Rig]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(standstill, "LIMIT", self._limit)
+            patch.setattr(who_drives, "OVERLAP", self._overlap)
+            patch.setattr(refusals, "CODE_DELAY", self._code_delay)
+            async with self._connected():
+                yield self
+
+    @contextlib.asynccontextmanager
+    async def _connected(self) -> AsyncIterator[None]:
         async with self.peer:
             client = self.peer.client()
             self.last_known = LastKnown(client)
             self.gate = MotionGate(client, lambda: len(self.goals))
-            self.explainer = RefusalExplainer(client, self.last_known)
-            self.explainer.code_delay = self._code_delay
+            self.explainer = refusals.RefusalExplainer(client, self.last_known)
             self.watch = Watch(
                 client, self.gate, self.last_known, self.explainer, lambda: self.goals
             )
-            self.watch.standstill.limit = self._limit
-            self.watch.velocities.overlap = self._overlap
             async with client:
                 await eventually(lambda: self.last_known.get("woosh.robot.RobotInfo"))
                 self.client = client
                 self.wire = await self.peer.wire()
-                yield self
+                yield
 
     async def send(self, message: Any, source: str = "") -> Answer:
         return await self.gate.request(message, sender=Sender(source))

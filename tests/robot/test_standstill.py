@@ -23,6 +23,7 @@ from woosh_robot_agent.pb.ros.action_pb2 import (
 )
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
 from woosh_robot_agent.pb.util.action_pb2 import kContinue, kPause
+from woosh_robot_agent.robot import standstill
 from woosh_robot_agent.robot.standstill import likely_causes
 
 LIMIT = 0.15
@@ -110,11 +111,11 @@ async def test_it_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
 
 @pytest.mark.parametrize("request_", [STEP, FORWARD])
 async def test_the_same_command_is_logged_again_after_a_while(
-    request_: Any, caplog: pytest.LogCaptureFixture
+    request_: Any, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with quick().running() as rig:
         for kept, count in ((30.0, 1), (30.0, 1), (0.1, 2)):
-            rig.watch.standstill.kept = kept
+            monkeypatch.setattr(standstill, "KEPT", kept)
             await rig.send(request_)
             await after_limit()
             # on a busy machine, a warning may come later

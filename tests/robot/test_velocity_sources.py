@@ -66,11 +66,12 @@ async def test_a_source_that_falls_silent_may_be_followed_by_another(
     ("numbers", "period", "noticed"),
     [
         ([100, 5, 101, 6, 102], 0.1, True),
-        ([1, 1, 2, 2], 0.1, True),
+        ([1, 1, 2, 2, 3, 3], 0.1, True),
         ([7, 100, 8, 101, 9, 10], 0.1, True),
         ([1, 2, 3, 7, 20], 0.1, False),  # one publisher
         ([100, 101, 1, 2, 3], 0.1, False),  # a restarted one
         ([100, 1, 2, 1, 2], WINDOW, False),  # one that is restarted twice
+        ([1, 1, 1, 1, 2, 1], 0.1, False),  # many that end soon, e.g. `ros2 topic pub --once`
         ([0, 0, 0, None, None, 2**64 - 1, 2**64 - 1], 0.1, False),  # no numbers
     ],
 )

@@ -44,7 +44,8 @@ def repeat_task(number: int, order: int) -> RepeatTask:
     return request
 
 
-async def test_tasks() -> None:
+async def test_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
+    StoppedClock(monkeypatch, who_drives)  # the robot does not rest
     drivers = {
         "18": Driver("another client", "task 18"),
         "19": Driver("robot/ExecTask", "task 19"),
@@ -144,6 +145,40 @@ async def test_following(source: str, name: str) -> None:
             await rig.send(Follow(type=True), source)
         await rig.push(RobotState(), {"state": 7})
         assert rig.watch.who_drives.now() == Driver(name, "the robot is following somebody")
+
+
+@pytest.mark.parametrize(
+    ("command", "source", "state"),
+    [
+        (Follow(type=True), "robot/Follow", 7),
+        (ExecTask(task_id=17), "robot/ExecTask", 4),
+        (ExecPreTask(task_set_id=20), "robot/ExecPreTask", 4),
+    ],
+)
+async def test_who_started_something_is_forgotten_when_the_robot_has_rested(
+    command: Any, source: str, state: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another client may do the same later, e.g. run the same set of tasks."""
+    clock = StoppedClock(monkeypatch, who_drives)
+    number = "2003" if isinstance(command, ExecPreTask) else "17"
+    async with Rig(READY).running() as rig:
+        await rig.send(command, source)
+        # a robot is idle for a moment between two tasks of a set
+        for rest, name in ((0.0, source), (1.0, source), (60.0, "another client")):
+            clock.now += rest
+            await rig.push(RobotState(), {"state": state})
+            if state == 4:
+                await rig.push(TaskProc(), {**NAVIGATING, "robotTaskId": number})
+            assert rig.watch.who_drives.now().name == name
+            clock.now += 60.0
+            await rig.push(TaskProc(), {"action": {}})
+            await rig.push(RobotState(), {"state": 2})
+        await rig.send(command, source)
+        await rig.push(RobotState(), {"state": 2})  # late, from what was before
+        await rig.push(RobotState(), {"state": state})
+        if state == 4:
+            await rig.push(TaskProc(), {**NAVIGATING, "robotTaskId": number})
+        assert rig.watch.who_drives.now().name == source
 
 
 async def test_a_movement_that_the_agent_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,6 @@ from woosh_robot_agent.motion.gate import (
     MotionGate,
     Sender,
     StopReport,
-    ZeroRefusedError,
 )
 from woosh_robot_agent.motion.speed_limiter import SpeedLimiter
 from woosh_robot_agent.motion.timeliness import MotionTiming
@@ -34,5 +33,4 @@ __all__ = [
     "UnusableVelocityError",
     "VelocityDriver",
     "VelocityLimits",
-    "ZeroRefusedError",
 ]

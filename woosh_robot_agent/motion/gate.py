@@ -175,10 +175,6 @@ _STALLED = Sentence(
 _GOAL = Said("a goal", "driver.a goal")
 
 
-class ZeroRefusedError(LinkError):
-    """The chassis refused a zero velocity; the robot may be moving."""
-
-
 class Sender(NamedTuple):
     """The sender of a command, and the time at which the command was published.
 
@@ -221,12 +217,12 @@ class _Start:
 
     Attributes:
         sent: monotonic time at which it was sent.
-        begins_set: False if it starts a single task.
+        task_id: id of the single task that it starts; None for a set, an order or an action.
         answered: monotonic time at which its answer came, or its request failed; infinite before.
     """
 
     sent: float
-    begins_set: bool
+    task_id: int | None
     answered: float = math.inf
 
 
@@ -394,8 +390,7 @@ class MotionGate:
             timeout: time to wait for the answer to the zero, in seconds.
 
         Raises:
-            ZeroRefusedError: the chassis refused the zero.
-            LinkError: the chassis did not answer the zero.
+            LinkError: the chassis refused the zero, or did not answer it.
         """
         self._forbid(_CLOSING, math.inf)  # rule 5
         if self.driving:
@@ -508,7 +503,8 @@ class MotionGate:
         if takes_wheels(message):
             self._velocities.withdraw(_WHEELS_TAKEN)
         started = started_by(message)
-        start = _Start(time.monotonic(), begins_set=not isinstance(message, ExecTask))
+        task_id = message.task_id if isinstance(message, ExecTask) else None
+        start = _Start(time.monotonic(), task_id)
         if started:  # now, because the answer may be lost, or come after the report
             self._starts[started] = [*self._recent_starts(started), start]
         try:
@@ -589,12 +585,11 @@ class MotionGate:
         """Send a zero velocity ahead of all other requests, even if commands are not permitted.
 
         Raises:
-            ZeroRefusedError: the chassis refused the zero velocity.
-            LinkError: the chassis did not answer.
+            LinkError: the chassis refused the zero velocity, or did not answer.
         """
         answer = await self._send(Twist(), Sending(timeout, first=True, always=True))
         if not answer.ok:
-            raise ZeroRefusedError(f"the chassis refused the zero velocity: {answer.reason}")
+            raise LinkError(f"the chassis refused the zero velocity: {answer.reason}")
         self._drives_until = -math.inf
 
     async def _send_first(self, message: Message, timeout: float) -> Answer | LinkError:
@@ -625,8 +620,14 @@ class MotionGate:
         is_new = bool(starts) and starts[-1].sent > self._stop_called
         is_task = started == "task"
         # a chassis answers a start before it reports the task
-        if is_task and is_new and starts[-1].begins_set and starts[-1].answered < math.inf:
-            self._stopped_set = 0  # the set may have been started again
+        answered = [
+            each.task_id
+            for each in starts
+            if each.sent > self._stop_called and each.answered < math.inf
+        ]
+        is_wanted = answered[-1:] == [None] or self._reported_owner.task_id in answered
+        if is_task and is_wanted:
+            self._stopped_set = 0  # the set, or a task with such an id, was started again
         is_late = any(map(self._is_late, starts)) or (is_task and self._is_awaited_task())
         if (is_late and not is_new) or (is_task and self._is_next_of_set()):
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4

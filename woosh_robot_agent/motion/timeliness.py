@@ -17,7 +17,7 @@ from woosh_robot_agent.sentences import NOT_SENT, Sentence
 
 _WINDOW = 10.0
 """Minimum time for which the smallest clock difference is remembered, in seconds; the maximum is
-twice as long.
+twice as long. A time in which no messages come does not count.
 
 For that time, messages count as old after this computer's clock was set forward, or from a sender
 whose clock is behind the clocks of other senders.
@@ -56,9 +56,9 @@ class SenderClock:
 
     The clocks of two computers may differ by any amount, and neither is trusted. The time of
     receipt less the source time is the difference of the clocks plus the transit time. Its smallest
-    value of the last seconds is taken for the difference of the clocks; the rest is transit time.
-    The first message may be late itself: if its value is between 0 and `_WINDOW`, the clocks count
-    as equal, and all of the value as transit time.
+    value of the last 10 to 20 s in which messages came is taken for the difference of the clocks;
+    the rest is transit time. The first message may be late itself: if its value is between 0 and
+    `_WINDOW`, the clocks count as equal, and all of the value as transit time.
     """
 
     def __init__(self) -> None:
@@ -135,7 +135,8 @@ class StallWatch:
             self._beat(asyncio.get_running_loop())
 
     def stop(self) -> None:
-        """Stop watching."""
+        """Stop watching; a stall that has just ended counts."""
+        self.check()
         self._last = math.inf
         if self._timer is not None:
             self._timer.cancel()

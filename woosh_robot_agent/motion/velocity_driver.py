@@ -153,6 +153,9 @@ class VelocityDriver:
         self._limits = limits
         self._on_refused = on_refused
         self._log = LogOnce(_LOG)
+        """Logs why velocities are refused."""
+        self._request_log = LogOnce(_LOG)
+        """Logs why velocities are not answered."""
         self._driving = False
         """True from a velocity that moves the robot until a zero, a stop, the end of the link, or
         the timeout of the stream."""
@@ -339,11 +342,12 @@ class VelocityDriver:
         try:
             sender = Sender(self._name, published, self._max_age)
             await self._gate.request(velocity, sender=sender)
+            self._request_log.clear()
         except SupersededError as error:  # normal while the chassis is slow, but not for a zero
             level = logging.DEBUG if may_move(velocity) else logging.WARNING
             _LOG.log(level, "%s: %s", self._name, error)
         except LinkError as error:
-            self._log.warn("request", f"{self._name} was not sent or not answered: {error}")
+            self._request_log.warn("", f"{self._name} was not sent or not answered: {error}")
 
     def _silence(self, reason: str) -> None:
         """Drop the velocity that waits; refuse others until their sender pauses or sends a zero."""

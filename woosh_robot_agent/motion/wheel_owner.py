@@ -82,18 +82,18 @@ class WheelOwner:
     Attributes:
         name: name of the task or the actions that may drive the robot now; empty without any.
         acceptances: how often the robot has been seen to accept a task while it had none.
+        task_id: id of the task that was reported last, also if it has ended; 0 before the first.
     """
 
     def __init__(self, chassis: ChassisClient, on_start: Callable[[str, bool], None]) -> None:
         self._on_start = on_start
         self.name: str = ""
         self.acceptances = 0
+        self.task_id = 0
         self._state = 0
         """The last state of the robot."""
         self._task = TaskProc()
         """The last report on a task."""
-        self._task_id = 0
-        """Id of the task that was reported last, also if it has ended; 0 before the first."""
         self._task_ended = -math.inf
         """Monotonic time of the report of its end."""
         self._actions: set[str] = set()
@@ -130,12 +130,12 @@ class WheelOwner:
             0 if there is no such task, or if its id is that of a single task.
         """
         is_current = is_unfinished(self._task) or time.monotonic() < self._task_ended + within
-        is_single = self._task_id in _UNIX_SECONDS
-        return self._task_id // TASKS_PER_SET if is_current and not is_single else 0
+        is_single = self.task_id in _UNIX_SECONDS
+        return self.task_id // TASKS_PER_SET if is_current and not is_single else 0
 
     def task_ended(self, task_id: int) -> None:
         """Note the end of a task of which no report has told, only an answer of the chassis."""
-        if self._task.robot_task_id == task_id:
+        if self._task.robot_task_id == task_id > 0:
             self._task_changed(TaskProc())
 
     def action_ended(self, name: str) -> None:
@@ -154,7 +154,7 @@ class WheelOwner:
     def _task_changed(self, report: TaskProc) -> None:
         """Note the state of the task; call `on_start` if it drives and did not before."""
         before, self._task = self._task, report
-        self._task_id = report.robot_task_id or self._task_id  # an empty report follows the end
+        self.task_id = report.robot_task_id or self.task_id  # an empty report follows the end
         if is_unfinished(before) and not is_unfinished(report):
             self._task_ended = time.monotonic()
         self._update_name()

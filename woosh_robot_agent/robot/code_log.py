@@ -115,11 +115,6 @@ class RefusalLog:
         """Tasks that wait for a reason, by name of the command and the chassis's words."""
         gate.on_answered(self._answered)
 
-    @property
-    def pending(self) -> int:
-        """Number of refusals whose reason is not known yet."""
-        return len(self._pending)
-
     def _answered(self, command: AnsweredCommand) -> None:
         """Start to explain a refusal; forget earlier refusals after a success."""
         if command.answer.ok and not self._logs:  # the usual case needs no name

@@ -97,6 +97,8 @@ def grey_image(image_file: bytes) -> Image.Image:
         with Image.open(io.BytesIO(image_file), formats=_FORMATS) as image:
             if image.width * image.height > _MAX_CELLS:
                 raise MapError(_TOO_LARGE(width=image.width, height=image.height))
+            if image.mode.startswith("I"):  # 16 bits, which Pillow would clip to 8
+                image = image.convert("I").point(lambda value: value * (1 / 257))
             grey: Image.Image = image.convert("L")
             return grey
     except MapError:

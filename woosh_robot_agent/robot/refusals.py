@@ -62,17 +62,12 @@ class RefusalExplainer:
     Args:
         chassis: the link.
         last_known: last values that the chassis reported.
-
-    Attributes:
-        code_delay: maximum time from a refusal to its status code, in seconds; by default
-            `CODE_DELAY`.
     """
 
     def __init__(self, chassis: ChassisClient, last_known: LastKnown) -> None:
-        self.code_delay = CODE_DELAY
         self._last_known = last_known
         self._refusals: deque[_Refusal] = deque(maxlen=_MAX_REFUSALS)
-        """The refusals of the last `code_delay` seconds, oldest first."""
+        """The refusals of the last `CODE_DELAY` seconds, oldest first."""
         self._refusal_added = asyncio.Event()
         chassis.on_refused(self._refused)
         chassis.subscribe_raw(StatusCode, self._pushed)
@@ -80,7 +75,7 @@ class RefusalExplainer:
     async def reason(self, request_type: str) -> str:
         """Return why the chassis has just refused a request; empty if that is not known.
 
-        Call it within `code_delay` after the answer. It returns at the end of this time, or as
+        Call it within `CODE_DELAY` after the answer. It returns at the end of this time, or as
         soon as the status code has come.
 
         Args:
@@ -92,14 +87,14 @@ class RefusalExplainer:
     async def reasons(self, request_type: str) -> list[Objection]:
         """Return why the chassis has just refused a request, with the known remedies.
 
-        Empty if no reason is known. Call it within `code_delay` after the answer. It returns at the
+        Empty if no reason is known. Call it within `CODE_DELAY` after the answer. It returns at the
         end of this time, or as soon as the status code has come.
 
         Args:
             request_type: protobuf full name of the request, or of the command of an action.
         """
         try:
-            refusal = await run_with_timeout(self.code_delay, self._latest(request_type))
+            refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type))
         except TimeoutError:
             return []
         code = await asyncio.shield(refusal.code)  # other calls may wait for it, too
@@ -122,7 +117,7 @@ class RefusalExplainer:
             self._refusals[0].end()  # the new one takes its place
         self._refusals.append(refusal)
         self._refusal_added.set()
-        loop.call_later(self.code_delay, self._end, refusal)
+        loop.call_later(CODE_DELAY, self._end, refusal)
 
     def _state_reasons(self, request: Message) -> list[Objection]:
         """Return the reasons in the state of the robot for which it refuses a request."""

@@ -155,16 +155,9 @@ class Standstill:
         chassis: the link; used in its event loop only.
         gate: sender of the commands.
         last_known: last values that the chassis reported.
-
-    Attributes:
-        limit: time after which a robot that has not moved causes a warning, in seconds; by default
-            `LIMIT`.
-        kept: time for which a warning of a velocity remains, in seconds; by default `KEPT`.
     """
 
     def __init__(self, chassis: ChassisClient, gate: MotionGate, last_known: LastKnown) -> None:
-        self.limit = LIMIT
-        self.kept = KEPT
         self._chassis = chassis
         self._last_known = last_known
         self._demand: _Demand | None = None
@@ -189,7 +182,7 @@ class Standstill:
         demand = self._demand
         if demand is None or not demand.warned:
             return ""
-        if demand.is_velocity and asyncio.get_running_loop().time() - demand.last > self.kept:
+        if demand.is_velocity and asyncio.get_running_loop().time() - demand.last > KEPT:
             return ""
         return self._text(demand)
 
@@ -230,7 +223,7 @@ class Standstill:
         """Expect the robot to move by a stream of velocities."""
         now = asyncio.get_running_loop().time()
         demand = self._demand
-        if demand is None or not demand.is_velocity or now - demand.last > self.kept:
+        if demand is None or not demand.is_velocity or now - demand.last > KEPT:
             demand = self._expect(name, _VELOCITY)
         demand.last = now
         if demand.since is None:
@@ -255,10 +248,10 @@ class Standstill:
             self._demand = None
 
     def _start_timer(self, demand: _Demand) -> None:
-        """Expect movement within `limit` from now."""
+        """Expect movement within `LIMIT` from now."""
         loop = asyncio.get_running_loop()
         demand.since = loop.time()
-        loop.call_later(self.limit, self._check, demand, demand.since)
+        loop.call_later(LIMIT, self._check, demand, demand.since)
 
     def _check(self, demand: _Demand, since: float) -> None:
         """Warn if the robot should have moved since a loop time, and has not."""
@@ -269,11 +262,11 @@ class Standstill:
             self._demand = None  # the agent has stopped the robot, and only observes it
             return
         now = asyncio.get_running_loop().time()
-        if now - since > 1.5 * self.limit:  # this process stood still, and has read no reports
+        if now - since > 1.5 * LIMIT:  # this process stood still, and has read no reports
             self._start_timer(demand)
             return
         demand.warned = True
-        if now - self._log_cleared > self.kept:
+        if now - self._log_cleared > KEPT:
             self._log.clear()  # the same warning is logged again
             self._log_cleared = now
         text = self._text(demand)
@@ -287,7 +280,7 @@ class Standstill:
         if demand is None:  # usually; then the body need not be decoded
             return
         now = asyncio.get_running_loop().time()
-        if demand.is_velocity and demand.since is None and now - demand.last > self.limit:
+        if demand.is_velocity and demand.since is None and now - demand.last > LIMIT:
             self._demand = None  # the stream has ended
             return
         pose: PoseSpeed = body.message()

@@ -24,7 +24,6 @@ class Watch:
         goals: returns the names of the goals that the chassis executes.
 
     Attributes:
-        refusal_log: log of refused commands.
         velocities: the sources of velocities.
         standstill: detects commands that do not move the robot.
         who_drives: finds out what drives the robot.
@@ -39,8 +38,8 @@ class Watch:
         goals: Callable[[], Sequence[str]],
     ) -> None:
         CodeLog(chassis)  # the subscriptions of the link keep it alive
-        # goals log the refusals of their cancel requests themselves
-        self.refusal_log = RefusalLog(gate, explainer, silent=(GOAL_CANCEL,))
+        # the gate keeps it alive; goals log the refusals of their cancel requests themselves
+        RefusalLog(gate, explainer, silent=(GOAL_CANCEL,))
         self.velocities = VelocitySources(gate)
         self.standstill = Standstill(chassis, gate, last_known)
         self.who_drives = WhoDrives(chassis, gate, last_known, self.velocities, goals)

@@ -20,7 +20,7 @@ from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.motion.wheel_owner import TASK, TASKS_PER_SET, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
-from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, RobotState, TaskProc
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2
@@ -64,14 +64,11 @@ class VelocitySources:
     Attributes:
         last: source of the last accepted velocity, zero included; empty before the first.
         last_time: monotonic time of that velocity.
-        overlap: time after which a silent source no longer drives, in seconds; by default
-            `OVERLAP`.
     """
 
     def __init__(self, gate: MotionGate) -> None:
         self.last = ""
         self.last_time = -math.inf
-        self.overlap = OVERLAP
         self._driving: dict[str, float] = {}
         """Monotonic time of the last velocity of each driving source, by name."""
         self._simultaneous: tuple[str, ...] = ()
@@ -90,7 +87,7 @@ class VelocitySources:
 
     def are_driving(self, now: float) -> bool:
         """Return True if a source drives at a monotonic time."""
-        return any(now - sent < self.overlap for sent in self._driving.values())
+        return any(now - sent < OVERLAP for sent in self._driving.values())
 
     def report(self, *sources: str) -> None:
         """Report sources that command velocities at the same time."""
@@ -122,7 +119,7 @@ class VelocitySources:
         self.last, self.last_time = source, now
         others = [name for name, sent in self._driving.items() if name != source]
         for name in others:
-            if now - self._driving[name] < self.overlap:
+            if now - self._driving[name] < OVERLAP:
                 self.report(source, name)
             else:
                 del self._driving[name]
@@ -154,7 +151,8 @@ class Interleaving:
 
     Each publisher numbers its messages in ascending order. A number that is not above the previous
     one comes from another publisher, or from one that was restarted. If this happens twice within
-    `WINDOW`, it was no restart.
+    `WINDOW`, it was no restart. The number 1 does not count: in a shell script, each message may
+    come from a publisher of its own.
     """
 
     def __init__(self) -> None:
@@ -175,7 +173,7 @@ class Interleaving:
         """
         if number is None or number in _UNNUMBERED:
             return False
-        if number <= self._last:
+        if 1 != number <= self._last:
             self._setbacks.append(now)
         self._last = number
         return len(self._setbacks) == 2 and now - self._setbacks[0] < WINDOW
@@ -218,6 +216,8 @@ _OWN_TASKS = {
     task_pb2.kCharge: Said("charging", "type.charge"),
 }
 """Names of the tasks that a robot starts by itself, by type."""
+_BUSY = (robot.kTask, robot.kParking, robot.kFollowing)
+"""States of a robot that has a task, or follows somebody."""
 _MAX_TASKS = 50
 """Maximum number of the agent's tasks, and of its task sets, that are remembered."""
 _BEGINS_WITHIN = 3.0
@@ -235,6 +235,23 @@ class Driver(NamedTuple):
 
     name: str
     detail: str = ""
+
+
+class _Starter(NamedTuple):
+    """The source of an accepted command that starts something.
+
+    Attributes:
+        source: name of the source, or `GOAL`; empty without a command.
+        accepted: monotonic time of the acceptance.
+    """
+
+    source: str = ""
+    accepted: float = -math.inf
+
+    @property
+    def is_new(self) -> bool:
+        """True if the robot may not have reported yet what the command starts."""
+        return time.monotonic() < self.accepted + _BEGINS_WITHIN
 
 
 class WhoDrives:
@@ -261,15 +278,17 @@ class WhoDrives:
         self._last_known = last_known
         self._velocities = velocities
         self._goals = goals
-        self._tasks: RecentDict[int, str] = RecentDict(_MAX_TASKS)
-        """Sources of the tasks that the agent started, by id."""
-        self._without_id = "", -math.inf
-        """Source of the last accepted task whose id the robot chooses, and monotonic time of its
-        acceptance; -inf once it has been reported."""
-        self._sets: RecentDict[int, str] = RecentDict(_MAX_TASKS)
-        """Sources of the task sets that the agent started, by id."""
-        self._follow_source = ""
-        """Source of the request to follow somebody; empty without one, and after its end."""
+        self._tasks: RecentDict[int, _Starter] = RecentDict(_MAX_TASKS)
+        """Starters of the tasks of the agent, by id."""
+        self._without_id = _Starter()
+        """Starter of the last task whose id the robot chooses, until it has been reported."""
+        self._sets: RecentDict[int, _Starter] = RecentDict(_MAX_TASKS)
+        """Starters of the task sets of the agent, by id."""
+        self._follow = _Starter()
+        """Starter of the following."""
+        self._rests_since = math.inf
+        """Monotonic time since when the robot has neither had a task nor followed somebody;
+        infinite if it does so now."""
         self._task = TaskProc()
         """First report on the current task."""
         self._began_unseen = False
@@ -279,6 +298,7 @@ class WhoDrives:
         gate.on_answered(self._answered)
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe(TaskProc, self._task_changed)
+        chassis.subscribe(RobotState, lambda _report: self._update_rest())
         chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
 
     def now(self) -> Driver:
@@ -294,7 +314,7 @@ class WhoDrives:
         if goals := self._goals():
             return Driver(GOAL, ", ".join(goals))
         if info.state == robot.kFollowing:
-            return Driver(self._follow_source or OTHER_CLIENT, _FOLLOWS)
+            return Driver(self._follow.source or OTHER_CLIENT, _FOLLOWS)
         if action := self._gate.reported_owner:
             return Driver(OTHER_CLIENT, action)
         return self._unexplained(info)
@@ -306,7 +326,7 @@ class WhoDrives:
         detail = TASK(id=number)
         if not {detail, f"task set {task_set}"}.isdisjoint(self._goals()):
             return Driver(GOAL, detail)
-        source = self._tasks.get(number) or self._sets.get(task_set)
+        source = (self._tasks.get(number) or self._sets.get(task_set, _Starter())).source
         if source == GOAL:
             return Driver(GOAL, THEN(one=detail, other=_GOES_ON))
         if source:
@@ -341,26 +361,45 @@ class WhoDrives:
 
     def _answered(self, command: AnsweredCommand) -> None:
         """Remember which source started a task, a task set or a following."""
-        message, source = command.message, command.source
+        message = command.message
         if not command.answer.ok:
             return
-        if isinstance(message, ExecTask):  # a goal sends its command without a source
+        # a goal sends its command without a source
+        starter = _Starter(command.source or GOAL, time.monotonic())
+        if isinstance(message, ExecTask):
             if message.task_id:
-                self._tasks[message.task_id] = source or GOAL
+                self._tasks[message.task_id] = starter
             else:
-                self._without_id = source or GOAL, time.monotonic()
+                self._without_id = starter
         elif isinstance(message, ExecPreTask):
-            self._sets[message.task_set_id] = source or GOAL
+            self._sets[message.task_set_id] = starter
         elif isinstance(message, RepeatTask):
             if may_move(message):
-                self._sets[message.task_set.base.id] = source
+                self._sets[message.task_set.base.id] = starter
         elif isinstance(message, Follow):
-            self._follow_source = source if message.type else ""  # False ends the following
+            self._follow = starter if message.type else _Starter()  # False ends the following
+
+    def _update_rest(self) -> None:
+        """When the robot has rested, forget who started what had gone on before."""
+        info, now = self._last_known.value(RobotInfo) or RobotInfo(), time.monotonic()
+        # in other states, e.g. a fault, a task may go on
+        if info.state not in _BUSY and not is_unfinished(info.task_proc):
+            self._rests_since = min(self._rests_since, now)
+            return
+        if now > self._rests_since + _BEGINS_WITHIN:  # otherwise a set of tasks may go on
+            if not self._follow.is_new:
+                self._follow = _Starter()
+            for starters in (self._tasks, self._sets):
+                for number in [each for each, starter in starters.items() if not starter.is_new]:
+                    del starters[number]
+        self._rests_since = math.inf
 
     def _snapshot(self, info: RobotInfo) -> None:
+        self._update_rest()
         self._begin(info.task_proc, unseen=True)
 
     def _task_changed(self, task: TaskProc) -> None:
+        self._update_rest()
         self._begin(task, unseen=False)
 
     def _begin(self, task: TaskProc, *, unseen: bool) -> None:
@@ -374,12 +413,10 @@ class WhoDrives:
         if number == self._task.robot_task_id:
             return
         self._task, self._began_unseen = task, unseen
-        source, accepted = self._without_id
-        is_expected = time.monotonic() < accepted + _BEGINS_WITHIN
-        is_own = is_expected and not unseen and number not in self._tasks
+        is_own = self._without_id.is_new and not unseen and number not in self._tasks
         if is_own and is_unfinished(task):  # no late report on an earlier task
-            self._tasks[number] = source
-            self._without_id = "", -math.inf
+            self._tasks[number] = self._without_id
+            self._without_id = _Starter()
 
     def _pose_pushed(self, _body: Body) -> None:
         self._pose_time = time.monotonic()

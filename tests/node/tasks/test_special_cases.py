@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from rclpy.action import ActionClient
 
-from tests.harness import Collector, wait_future
+from tests.harness import Collector, wait_future, wait_until
 from tests.node.goals import ACTION_ORDER, CANCELED, FAILED, SUCCEEDED
 from tests.node.tasks.reports import (
     DONE,
@@ -74,6 +74,7 @@ def test_a_task_that_the_chassis_forgets_is_given_up(robot: ScriptedRobot) -> No
         ("an empty report", "by the history"),
         ("another task", "by nobody"),
         ("only the state", "by the history"),
+        ("only the state", "by nobody"),
         ("nothing", "by nobody"),
     ],
 )
@@ -97,6 +98,10 @@ def test_an_end_that_was_not_seen_is_noticed(robot: ScriptedRobot, seen: str, to
         assert_ended(goal, [first, end])
     else:
         assert goal.wait_aborted("does not know the task any more").state.value == FAILED
+    if seen == "nothing":  # the task may go on
+        assert robot.gate.reported_owner == f"task {task_id}"
+    else:
+        wait_until(lambda: robot.gate.reported_owner != f"task {task_id}")
 
 
 def test_an_end_without_a_link_is_noticed_after_the_reconnect(robot: ScriptedRobot) -> None:

@@ -154,6 +154,7 @@ class Actions:
             context = GoalContext(
                 chassis=robot.chassis,
                 gate=robot.gate,
+                last_known=robot.last_known,
                 open_goals=self._open_goals[action.member],
                 timing=lambda: replace(self.timing, link_timeout=link_timeout()),
                 to_proto=partial(robot.requests.make, command),
@@ -169,14 +170,9 @@ class Actions:
                     last_feedback=self._last_feedback,
                 )
             elif action.arg == TaskSetGoal.request_type:
-                make_kind = partial(TaskSetGoal, last_known=robot.last_known)
+                make_kind = TaskSetGoal
             else:
-                make_kind = partial(
-                    TaskGoal,
-                    unused_ids=task_ids,
-                    last_known=robot.last_known,
-                    last_reports=self._last_reports,
-                )
+                make_kind = partial(TaskGoal, unused_ids=task_ids, last_reports=self._last_reports)
             # the commands of the agent's own goals are protobuf messages already, and only need the
             # robot's id
             self._actions[action.arg] = _Action(

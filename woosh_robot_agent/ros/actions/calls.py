@@ -16,6 +16,8 @@ from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedback, Feedbacks
 from woosh_robot_agent.ros.actions.goal import (
     Attribution,
+    Cause,
+    End,
     Order,
     Outcome,
     PollResult,
@@ -135,6 +137,10 @@ class CallActionGoal:
         if not answer.ok or body is None:
             return PollResult()  # the chassis refuses polls: rely on its pushes
         return PollResult(tuple(self.read(body)))
+
+    def note_polled_end(self, end: End) -> None:
+        if end.cause is not Cause.AGENT:  # otherwise it may go on
+            self._context.gate.action_ended(self._command.DESCRIPTOR.name)
 
     def failure(self, reason: str) -> Message:
         return self._result(ros_pack_pb2.kRosFailure, reason)

@@ -105,8 +105,8 @@ class GiveUp:
       replaces nothing.
     - A number of consecutive fruitless polls, over at least `link_timeout`: polls that time out, or
       are answered before the first report on the goal. They do not count while a deadline is set.
-    - A number of consecutive polls that found the goal unknown to the chassis; before the first
-      report, also over at least `first_report_timeout`.
+    - A number of consecutive polls that found the goal unknown to the chassis, or did not mention
+      it after a refused cancel; before the first report, also over at least `first_report_timeout`.
     - A timeout after an accepted cancel. Reports that the goal goes on do not extend it. It is
       ignored while a deadline is set.
 
@@ -134,6 +134,8 @@ class GiveUp:
         """Time of the first of these polls."""
         self._cancel_deadline = inf
         """Time at which the wait after an accepted cancel ends; infinite without such a wait."""
+        self.is_cancel_refused = False
+        """True if the chassis refused the last cancel, and has not reported on the goal since."""
 
     @property
     def deadline(self) -> float:
@@ -184,9 +186,11 @@ class GiveUp:
             self._deadline = None
         self._fruitless_polls = 0
         self._unknown_polls = 0
+        self.is_cancel_refused = False
 
     def cancel_accepted(self) -> None:
         """Start the timeout for the end of the goal, unless an earlier cancel has started it."""
+        self.is_cancel_refused = False
         self._cancel_deadline = min(
             self._cancel_deadline, self._clock() + self._timing.cancel_timeout
         )

@@ -31,9 +31,6 @@ class Phase(Enum):
     """The answer to the start request was lost. Only a report can confirm the goal."""
     RUNNING = "running"
     """The chassis accepted the goal. No answer is outstanding."""
-    CANCELED_ELSEWHERE = "canceled elsewhere"
-    """The chassis cancelled the goal without a request of its client. The goal waits until it is
-    known whether a newer goal replaced it."""
     ORDERING = "ordering"
     """This goal is an order about the running goal, such as a pause. The order was sent, and this
     goal ends with its answer."""
@@ -43,7 +40,7 @@ class Phase(Enum):
     @property
     def accepted(self) -> bool:
         """True if the chassis is known to have accepted the goal."""
-        return self in (Phase.REPORTED, Phase.RUNNING, Phase.CANCELED_ELSEWHERE)
+        return self in (Phase.REPORTED, Phase.RUNNING)
 
     @property
     def answered(self) -> bool:
@@ -61,7 +58,6 @@ class Step(Enum):
     ANSWER_LOST = "answer lost"
     REPORT = "report"
     """A report on this goal arrived."""
-    UNREQUESTED_CANCEL = "unrequested cancel"
     END = "end"
 
 
@@ -75,8 +71,6 @@ TRANSITIONS: Mapping[tuple[Phase, Step], Phase] = MappingProxyType(
         (Phase.REPORTED, Step.ACCEPTED): Phase.RUNNING,
         (Phase.REPORTED, Step.ANSWER_LOST): Phase.RUNNING,
         (Phase.UNCONFIRMED, Step.REPORT): Phase.RUNNING,
-        (Phase.REPORTED, Step.UNREQUESTED_CANCEL): Phase.CANCELED_ELSEWHERE,
-        (Phase.RUNNING, Step.UNREQUESTED_CANCEL): Phase.CANCELED_ELSEWHERE,
         **{(phase, Step.END): Phase.ENDED for phase in Phase if phase is not Phase.ENDED},
     }
 )
@@ -375,6 +369,9 @@ class GoalKind(Protocol):
         Raises:
             LinkError: the chassis gave no answer.
         """
+
+    def note_polled_end(self, end: End) -> None:
+        """Tell the gate of an end that a poll has told, and perhaps no push."""
 
     def failure(self, reason: str) -> Message:
         """Return the result for a goal that failed for `reason`."""

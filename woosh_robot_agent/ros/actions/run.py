@@ -24,6 +24,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion import MotionGate, Sender
 from woosh_robot_agent.robot.code_log import GOAL_CANCEL
+from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.ros.actions.giving_up import Cancellation, GiveUp
 from woosh_robot_agent.ros.actions.goal import (
     TRANSITIONS,
@@ -58,6 +59,10 @@ _CHECK_PERIOD = 0.1
 REPLACED = "replaced by a newer goal that the chassis accepted"
 STOPPING = "the agent is stopping; the robot may still be executing the goal"
 _DISPLACED = "the chassis stopped executing the goal, but did not report how it ended"
+_CANCEL_REFUSED = (
+    "the chassis refused the cancel, and its answers do not mention the goal; the robot may still "
+    "be executing it"
+)
 _NOTHING_CANCELLED = "the chassis accepted the cancel, but reported no end: nothing was running"
 _NO_REASON = "the chassis refused the goal without giving a reason"
 
@@ -70,6 +75,8 @@ class GoalContext:
     """The link, for polls."""
     gate: MotionGate
     """Sends commands."""
+    last_known: LastKnown
+    """Last values that the chassis reported."""
     open_goals: OpenGoals
     """The open goals of the action, and of other actions if their goals replace each other."""
     timing: Callable[[], GoalTiming]
@@ -287,13 +294,14 @@ class GoalRun:
                 timer.cancel()
             end = self._handle(event)
             if end is not None:
+                if isinstance(event, Polled):
+                    self._kind.note_polled_end(end)
                 return await self._end_for_client(end)
 
     async def _end_for_client(self, end: End) -> End:
         """Return the end to send to the client: an unrequested cancel becomes an abort."""
         if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
             return end
-        self._advance(Step.UNREQUESTED_CANCEL)
         if await self._context.open_goals.newer_accepted(self):
             return self._aborted(REPLACED)
         return End(Outcome.ABORTED, end.result, Cause.AGENT)
@@ -430,6 +438,7 @@ class GoalRun:
     def _cancel_refused(self) -> None:
         """After a refused cancel, poll the goal: perhaps it has ended, and the report was lost."""
         if self._attribution.has_report:
+            self._give_up.is_cancel_refused = True
             self._poll_soon()
         else:
             self._poll_once_begun()
@@ -477,6 +486,8 @@ class GoalRun:
         # the answer does not tell, but a push has shown that the chassis does not execute this goal
         if why_unknown is None and self._is_displaced:
             why_unknown = _DISPLACED
+        elif why_unknown is None and self._give_up.is_cancel_refused and not polled.result.reports:
+            why_unknown = _CANCEL_REFUSED
         has_report = self._attribution.has_report
         # until the goal is accepted, its start request may still be on its way
         if why_unknown is None or not self.phase.accepted:

@@ -19,9 +19,10 @@ from woosh_robot_agent.motion.wheel_owner import TASKS_PER_SET, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecPreTask, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
-from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.ros.actions.goal import (
     Attribution,
+    Cause,
+    End,
     Outcome,
     PollResult,
     Report,
@@ -54,7 +55,10 @@ async def poll_tasks(
         current = answer.body
         if not answer.ok or not isinstance(current, TaskProc):
             on_result(PollResult())
-        elif is_of_goal(current):
+            return
+        if not answer.is_outdated:
+            context.last_known.remember(current)  # a push may have been lost
+        if is_of_goal(current):
             on_result(read_current(current))
 
     answer = await context.chassis.request(context.empty(TaskProc), tap=current_received)
@@ -69,6 +73,16 @@ async def poll_tasks(
         on_result(read_history(ended, current))
 
     await context.chassis.request(context.empty(TaskHistory), tap=history_received)
+
+
+def _note_polled_end(context: GoalContext, task_id: int, end: End) -> None:
+    """Tell the gate that a task has ended.
+
+    If no report tells the end, only the state of the robot shows that the task does not go on.
+    """
+    state = context.last_known.value(RobotState)
+    if end.cause is not Cause.AGENT or (state is not None and state.state == robot_pb2.kIdle):
+        context.gate.task_ended(task_id)
 
 
 _WITH_TASK = (robot_pb2.kTask, robot_pb2.kParking)
@@ -90,17 +104,16 @@ class TaskSetGoal:
 
     request_type = full_name(ExecPreTask)
 
-    def __init__(self, arg: Any, context: GoalContext, *, last_known: LastKnown) -> None:
+    def __init__(self, arg: Any, context: GoalContext) -> None:
         self._arg = arg
         self._context = context
-        self._last_known = last_known
         self._id: int = arg.task_set_id
         self.name = f"task set {self._id}"
         self._last = TaskProc()
         """The last report on a task of the set; blank before the first one."""
         self._polls_outside = 0
         """Number of polls since `_last` that found the robot executing nothing of the set."""
-        last = last_known.value(TaskProc) or TaskProc()
+        last = context.last_known.value(TaskProc) or TaskProc()
         self._since = last.time
         """Unix time of the last report before this goal, by the robot's clock, in seconds; 0 if
         there is none."""
@@ -138,7 +151,7 @@ class TaskSetGoal:
         """Return True if the robot executes a task of the set, or may be between two of them."""
         if self._is_executing(current):
             return True
-        state = self._last_known.value(RobotState)
+        state = self._context.last_known.value(RobotState)
         return not is_unfinished(current) and state is not None and state.state in _WITH_TASK
 
     def _read_current(self, current: TaskProc) -> PollResult:
@@ -173,6 +186,9 @@ class TaskSetGoal:
         else:
             candidates = [old for old in ended if old.time >= last.time]
         return max(candidates, key=lambda report: report.time, default=None)
+
+    def note_polled_end(self, end: End) -> None:
+        _note_polled_end(self._context, self._last.robot_task_id, end)
 
     def failure(self, reason: str) -> Message:
         return TaskProc(
@@ -217,7 +233,6 @@ class TaskGoal:
         context: GoalContext,
         *,
         unused_ids: Iterator[int],
-        last_known: LastKnown,
         last_reports: Mapping[int, TaskProc],
     ) -> None:
         self._arg = arg
@@ -231,7 +246,7 @@ class TaskGoal:
         self._since = 0
         """Unix time of the last TaskProc before this goal, by the robot's clock, in seconds; 0 if
         there is none, or if it was on a task of this id."""
-        last = last_known.value(TaskProc) or TaskProc()
+        last = context.last_known.value(TaskProc) or TaskProc()
         is_current = last.robot_task_id == self._id
         if is_current:
             self._previous = last
@@ -284,6 +299,9 @@ class TaskGoal:
         return PollResult(
             unknown=f"the chassis does not know the task any more; it is executing {doing}"
         )
+
+    def note_polled_end(self, end: End) -> None:
+        _note_polled_end(self._context, self._id, end)
 
     def failure(self, reason: str) -> Message:
         return TaskProc(
