@@ -245,6 +245,12 @@ class Tasks:
         if self.automatic:
             self.cancel(reason)
 
+    def fail(self, reason: str) -> None:
+        """Let the task fail. The rest of its set is kept: the task may be recovered."""
+        kind = self._jobs[0].kind
+        self._robot.codes.report(failure_code(kind), kind, reason)
+        self._end(util_task_pb2.kFailed, reason)
+
     def forget_failed(self) -> None:
         """Forget the jobs of an ended task and the rest of its set, so that it cannot be retried.
 
@@ -365,10 +371,7 @@ class Tasks:
         """Work on the current job for `dt` seconds, and report what changes."""
         progress = self._jobs[0].tick(self._robot, dt)
         if progress.failure:
-            kind = self._jobs[0].kind
-            self._robot.codes.report(failure_code(kind), kind, progress.failure)
-            # The rest of the set is kept: the task may be recovered.
-            self._end(util_task_pb2.kFailed, progress.failure)
+            self.fail(progress.failure)
         elif progress.done:
             self._finish_job(progress.text)
         elif progress.impeded != self.impeded:

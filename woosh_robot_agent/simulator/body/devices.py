@@ -197,8 +197,8 @@ class Readiness:
             switches the motors off.
         key_accepts: True if requests are accepted although the key switch is at manual.
         work: work mode.
-        initialised: True if the robot is initialised. False after a mapping until InitRobot, and
-            while InitRobot is executed.
+        initialised: True if the robot is initialised. False after a mapping or maintenance until
+            InitRobot, and while InitRobot is executed.
         located: True if the robot knows its pose.
         emergency_stop: True if the emergency stop button is pressed.
         battery_empty: True if the battery is empty.
