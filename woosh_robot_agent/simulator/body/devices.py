@@ -182,7 +182,8 @@ def _ssid(content: bytes) -> str:
     except (ValueError, RecursionError):
         raise RefusedError(refusals.NO_SSID) from None
     ssid = parsed.get("ssid") if isinstance(parsed, dict) else None
-    if not isinstance(ssid, str) or not ssid:
+    # half a surrogate pair is not printable, and could not be sent back
+    if not isinstance(ssid, str) or not ssid or not ssid.isprintable():
         raise RefusedError(refusals.NO_SSID)
     return ssid
 
