@@ -57,6 +57,10 @@ class Battery:
         self.level = min(100.0, max(0.0, self.level + change))
 
 
+_ROUNDING = 1e-6
+"""Rounding error of a height that clients send with single precision, in metres."""
+
+
 @dataclass
 class Lift:
     """A lift, whose height is at least 0.
@@ -86,9 +90,9 @@ class Lift:
         Raises:
             RefusedError: the lift cannot reach the height.
         """
-        if not 0.0 <= height <= self.travel + 1e-6:
+        if not -_ROUNDING <= height <= self.travel + _ROUNDING:
             raise RefusedError(f"{self.name}: {height:.3f} m is not within 0 to {self.travel:g} m")
-        return min(height, self.travel)
+        return min(max(height, 0.0), self.travel)
 
 
 _IN_REACH = {"woosh-factory": 78, "woosh-guest": 61, "warehouse-2": 34}
