@@ -466,9 +466,9 @@ async def serve_websocket(
         if local_pages_only and not _is_local(request.headers.getall("Origin", [])):
             return web.Response(status=HTTPStatus.FORBIDDEN, text="web pages may not connect\n")
         try:
+            connection.note_opened()
             if request.headers.get("Upgrade", "").lower() == "websocket":
                 return await serve_socket(request, connection)
-            connection.note_opened()
             return await respond(request, connection)
         except (web.HTTPException, ConnectionError):  # a bad handshake, or the client has gone
             raise
