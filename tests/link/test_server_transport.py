@@ -119,6 +119,22 @@ async def test_headers_that_are_no_text_are_refused(line: bytes) -> None:
         assert (await soon(reader.readline())).startswith(b"HTTP/1.1 400")
 
 
+async def test_late_answer_to_a_handshake_is_no_late_handshake(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("woosh_robot_agent.link.server._OPEN_TIMEOUT", 0.5)
+
+    async def send(server_side: Any) -> None:
+        await server_side.send("now")
+
+    late = {"before_handshake": lambda: asyncio.sleep(1.0)}
+    listener = await serve_websocket(send, "127.0.0.1", 0, max_size=1000, **late)
+    client = await open_transport(config(listener.port, transport="websocket"))
+    assert await soon(client.recv()) == b"now"
+    await client.close()
+    await listener.close()
+
+
 async def test_plain_request_is_told_that_the_port_serves_websockets() -> None:
     request = b"POST /woosh/robot/Mode HTTP/1.1\r\nHost: x\r\nContent-Length: 0\r\n\r\n"
     async with streams(serve_nobody, request) as (reader, _):

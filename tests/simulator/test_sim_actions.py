@@ -70,6 +70,7 @@ def test_step_moves_the_base_by_its_value(client: SteppedClient) -> None:
         assert reports[-1]["state"] == SUCCESS
         pose = client.chassis.pose
         assert (pose.x - 3, pose.y, pose.theta) == pytest.approx(expected, abs=1e-5)
+    client.ask(CALL, step_request(1, 0.1, speed=0.01))  # the minimum, with a rounding error
 
 
 def test_lift_actions_reach_their_heights(client: SteppedClient) -> None:
@@ -79,7 +80,9 @@ def test_lift_actions_reach_their_heights(client: SteppedClient) -> None:
     client.ask(CALL, {"liftControl": {"action": 1, "executeMode": 2}})
     assert feedback_until_end(client)[-1]["state"] == SUCCESS
     assert client.chassis.jack.height == 0.0
-    for mode, height, there in ((1, 0.5, 0.5), (2, 0.2, 0.7), (2, -0.1, 0.6), (3, 0, 0), (4, 0, 0)):
+    moves = [(1, 0.5, 0.5), (2, 0.2, 0.7), (2, -0.1, 0.6), (3, 0, 0), (4, 0, 0)]
+    moves += [(2, 0.1, 0.1), (2, 0.1, 0.2), (2, 0.1, 0.3), (2, -0.3, 0)]  # with rounding errors
+    for mode, height, there in moves:
         lift3 = {"action": 1, "executeMode": mode, "speed": 0.2, "height": height}
         client.ask(CALL, {"liftControl3": lift3})
         end = feedback_until_end(client)[-1]

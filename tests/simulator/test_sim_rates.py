@@ -81,13 +81,18 @@ def test_velocity_that_is_stopped_at_once_moves_nothing(real: SteppedChassis) ->
     assert not pushed(real, POSE)
 
 
+@pytest.mark.parametrize("zeros", [1, 60])
 @pytest.mark.parametrize("phase", [0.0, 0.02, 0.049])
-def test_robot_rolls_on_after_a_velocity_of_zero(real: SteppedChassis, phase: float) -> None:
+def test_robot_rolls_on_after_velocities_of_zero(
+    real: SteppedChassis, phase: float, zeros: int
+) -> None:
     drive(real, 3.0)
     stepped = real.chassis.elapsed
     real.chassis.run_until(stepped + phase)
     stopped, place = real.chassis.elapsed, real.chassis.pose
-    real.request(TWIST)
+    for _ in range(zeros):
+        real.request(TWIST)
+        real.run(0.05)
     real.run(3.0)
     least, most = DRIVING["roll after a velocity of zero"]
     assert least - 1e-4 <= place.distance(real.chassis.pose.point) <= most + 1e-4

@@ -39,7 +39,8 @@ from tests.simulator.recorded_chassis import (
 )
 from woosh_robot_agent.pb.robot import robot_pb2
 
-IDLE, PARKING, TASK, WARNING, CHARGING = 2, 3, 4, 5, 8
+UNINIT, IDLE, PARKING, TASK, WARNING, FAULT, CHARGING = 1, 2, 3, 4, 5, 6, 8
+AUTO, MANUAL, MAINTAIN = 1, 2, 3
 FACTS = real_robot()
 TIMES = FACTS["times"]
 
@@ -158,6 +159,20 @@ def test_task_that_is_cancelled_before_its_first_report(chassis: SteppedChassis)
         ("kExecuting", "kNav", "kRosCancel"),
         ("kCanceled", "kNav", "kRosCancel"),
     ]
+
+
+def test_maintenance_fails_the_task_and_ends_the_initialisation(chassis: SteppedChassis) -> None:
+    """As the tasks 10 and 76 of a real robot in `real_tasks.json`."""
+    exec_task(chassis)
+    chassis.run(6.0)
+    start = len(chassis.frames)
+    for mode in (MANUAL, MAINTAIN, MANUAL, AUTO):
+        ask(chassis, "woosh.robot.SwitchControlMode", mode=mode)
+        chassis.run(1.0)
+    frames = chassis.frames[start:]
+    assert states(frames) == [FAULT, UNINIT]
+    reports = [triple(frame.body) for frame in frames if frame.type == TASK_PROC]
+    assert reports == [("kPaused", "kNav", "kSuspend"), ("kFailed", "kNav", "kRosFailure")]
 
 
 def test_obstacle_that_stays_does_not_fail_the_task(chassis: SteppedChassis) -> None:

@@ -10,7 +10,7 @@ from tests.fact_files import facts
 from tests.simulator.sim_wire import JsonClient
 from woosh_robot_agent.endpoints import COMMANDS, QUERIES
 
-IDLE = 2
+IDLE, FAULT = 2, 6
 # Bodies of the requests that must not be empty.
 BODIES: dict[str, Any] = {
     "woosh.robot.SwitchControlMode": {"mode": 1},
@@ -101,7 +101,8 @@ INVALID: list[tuple[str, Any, str]] = [
     ("woosh.robot.Twist", {"linear": "fast"}, "unreadable body"),
     ("woosh.robot.setting.Power", {"alarm": 90, "full": 80}, "must rise"),
     ("woosh.robot.setting.Sound", {"volume": 101}, "not within 0 to 100"),
-    ("woosh.robot.RobotWiFi", {"order": 2, "content": "e30="}, "no"),
+    ("woosh.robot.RobotWiFi", {"order": 2, "content": "e30="}, "content is not"),
+    ("woosh.robot.RobotWiFi", _wifi(2, "\ud83d"), "content is not"),
     ("woosh.robot.RobotWiFi", {"order": 4, "content": "eA=="}, "network x is not known"),
     ("woosh.ros.CallAction", {}, "names no action"),
     ("woosh.ros.CallAction", {"anyAction": {"type": "x"}}, "unknown action x"),
@@ -175,8 +176,10 @@ def test_jobs_are_refused_outside_automatic_task_mode(client: JsonClient) -> Non
         assert client.ask("woosh.robot.OperationState")["robot"] == 0
         for name, body in requests:
             assert client.refusal(name, body).startswith(f"robot is in {reason}")
-        assert client.ask("woosh.robot.RobotState")["state"] == IDLE
+        state = FAULT if "maintenance" in reason else IDLE
+        assert client.ask("woosh.robot.RobotState")["state"] == state
         client.ask(f"woosh.robot.{switch}", {"mode": usual})
+        client.ask("woosh.robot.InitRobot", {"isRecord": True})  # needed after maintenance
         assert client.ask("woosh.robot.OperationState")["robot"] == 1
     for name, body in requests[:2]:
         client.ask(name, body)

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
+from websockets.exceptions import ConnectionClosed
 
 from tests.simulator.sim_wire import (
     TIMEOUT,
@@ -193,6 +194,15 @@ def test_slow_client_is_dropped_and_delays_no_other(
     while simulator.connections > 1:  # `slow` never reads
         simulator.push(robot_count_pb2.StatusCode(msg="x" * 1_000_000))
         assert quick.request("woosh.robot.Mode").ok
+
+
+def test_client_of_a_frame_that_cannot_be_sent_is_dropped(
+    client: JsonClient, caplog: pytest.LogCaptureFixture
+) -> None:
+    client.simulator.send_raw("half a surrogate pair: \ud83d")
+    with pytest.raises(ConnectionClosed):
+        client.receive()
+    assert "cannot send a frame to" in caplog.text
 
 
 def test_failing_interceptor_closes_no_connection(client: JsonClient) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,7 @@ from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.task.woosh_task_pb2 import TaskInfo
 from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
+from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
 
 REPEAT, PRE_TASK = "woosh.task.RepeatTask", "woosh.robot.ExecPreTask"
@@ -26,7 +28,7 @@ PUT, DELETE, EXECUTE = 1, 2, 3
 ACTION_WAIT, COMPLETED, CANCELED, FAILED = 5, 7, 8, 9
 ENDED = (COMPLETED, CANCELED, FAILED)
 CHARGE = 3
-PAUSE, CONTINUE = 2, 3
+PAUSE, CONTINUE, CANCEL = 2, 3, 4
 
 
 def task_set(number: int, *marks: str, **base: Any) -> Json:
@@ -252,21 +254,43 @@ def run_to_the_gap(chassis: Chassis, body: Json) -> None:
 TWO_TASKS = {"order": EXECUTE, "taskSet": task_set(8, "K10", "K10")}
 
 
-@pytest.mark.parametrize("between", [True, False])
-def test_task_set_is_cancelled_during_a_task_and_between_two(real: Chassis, between: bool) -> None:
-    if between:
-        run_to_the_gap(real, TWO_TASKS)
-    else:
-        assert ask(real, REPEAT, TWO_TASKS).ok
-        run_until(real, lambda: real.tasks.reported.robot_task_id == 801)
-    assert ask(real, ORDER, {"order": 4}).ok
-    reports = run_until(real, lambda: not real.tasks.state)
+def assert_set_ends(chassis: Chassis) -> None:
+    """Check that no task follows the current one."""
+    reports = run_until(chassis, lambda: not chassis.tasks.state)
     assert reports[-1].robot_task_id == 0
-    real.take_events()
     for _ in range(50):
-        real.tick(TIME_STEP)
-    assert not real.tasks.active
-    assert not [each for each in real.take_events() if isinstance(each, robot_pb2.TaskProc)]
+        chassis.tick(TIME_STEP)
+    assert not chassis.tasks.active
+    assert not [each for each in chassis.take_events() if isinstance(each, robot_pb2.TaskProc)]
+
+
+@pytest.mark.parametrize("between", [True, False])
+def test_task_set_is_cancelled_during_a_task_and_between_two(between: bool) -> None:
+    profile = load_profile("tr200")
+    tasks = dataclasses.replace(profile.tasks, next_after_cancel=False)
+    chassis = Chassis(SimulatorConfig(profile=dataclasses.replace(profile, tasks=tasks)))
+    if between:
+        run_to_the_gap(chassis, TWO_TASKS)
+    else:
+        assert ask(chassis, REPEAT, TWO_TASKS).ok
+        run_until(chassis, lambda: chassis.tasks.reported.robot_task_id == 801)
+    assert ask(chassis, ORDER, {"order": CANCEL}).ok
+    assert_set_ends(chassis)
+
+
+def test_cancel_of_a_task_ends_its_set_only_while_it_is_paused(real: Chassis) -> None:
+    """As the tasks 42 and 23 of a real robot in `real_tasks.json`."""
+    body = {"order": EXECUTE, "taskSet": task_set(8, "A2", "A2", "A2")}
+    assert ask(real, REPEAT, body).ok
+    run_until(real, lambda: real.tasks.reported.robot_task_id == 801)
+    assert ask(real, ORDER, {"order": CANCEL}).ok
+    run_until(real, lambda: real.tasks.between_tasks)
+    assert not ask(real, ORDER, {"order": CANCEL}).ok, "there is no task"
+    reports = run_until(real, lambda: real.tasks.reported.robot_task_id == 802)
+    assert [each.robot_task_id for each in reports] == [0, 802]
+    for number in (PAUSE, CANCEL):
+        assert ask(real, ORDER, {"order": number}).ok
+    assert_set_ends(real)
 
 
 def test_task_set_runs_between_its_tasks_too(real: Chassis) -> None:

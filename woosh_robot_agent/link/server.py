@@ -169,20 +169,25 @@ class ConnectedClient:
 
         Cancel it when the connection has ended.
         """
-        with contextlib.suppress(TransportClosedError):
-            while self._open:
-                await self._not_empty.wait()
-                if running is not None:
-                    await running.wait()
-                if not self._outbox:
-                    self._not_empty.clear()
-                    continue
-                frame = self._outbox.popleft()
-                self._outbox_bytes -= _size(frame)
-                if callable(frame):
-                    await frame(self.transport)
-                else:
-                    await self.transport.send(frame)
+        try:
+            with contextlib.suppress(TransportClosedError):
+                while self._open:
+                    await self._not_empty.wait()
+                    if running is not None:
+                        await running.wait()
+                    if not self._outbox:
+                        self._not_empty.clear()
+                        continue
+                    frame = self._outbox.popleft()
+                    self._outbox_bytes -= _size(frame)
+                    if callable(frame):
+                        await frame(self.transport)
+                    else:
+                        await self.transport.send(frame)
+        except Exception:
+            # the client would wait for frames for ever
+            _LOG.exception("cannot send a frame to %s", self.transport.peer)
+            self.drop()
         self._open = False
 
     def _waiting_frames(self) -> int:
@@ -461,9 +466,9 @@ async def serve_websocket(
         if local_pages_only and not _is_local(request.headers.getall("Origin", [])):
             return web.Response(status=HTTPStatus.FORBIDDEN, text="web pages may not connect\n")
         try:
+            connection.note_opened()
             if request.headers.get("Upgrade", "").lower() == "websocket":
                 return await serve_socket(request, connection)
-            connection.note_opened()
             return await respond(request, connection)
         except (web.HTTPException, ConnectionError):  # a bad handshake, or the client has gone
             raise

@@ -7,7 +7,7 @@ from collections import deque
 from woosh_robot_agent.pb.device import device_pb2
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pack_pb2, robot_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
-from woosh_robot_agent.simulator import status_codes
+from woosh_robot_agent.simulator import refusals, status_codes
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
 from woosh_robot_agent.simulator.behaviour.manual_driving import Follower, Teleop
@@ -95,7 +95,8 @@ class Chassis(Robot):
     def state(self) -> util_robot_pb2.State:
         """State of the robot, as reported to clients."""
         readiness = self.readiness
-        if readiness.emergency_stop or self.lost:
+        in_maintenance = readiness.control == util_robot_pb2.kMaintain
+        if readiness.emergency_stop or self.lost or in_maintenance:
             return util_robot_pb2.kFault
         if self.mapping.active:
             return util_robot_pb2.kMapping
@@ -217,11 +218,19 @@ class Chassis(Robot):
             self.ownership.suspend_all(readiness.refusal.reason)
 
     def _report_control_mode(self) -> None:
-        """Report the control mode if it has changed."""
+        """Report the control mode if it has changed.
+
+        Maintenance makes the task fail, and afterwards the robot must be initialised.
+        """
         mode = self.readiness.control
-        if mode != self._reported_mode:
-            self._reported_mode = mode
-            self.codes.report(status_codes.CONTROL_MODES[mode])
+        if mode == self._reported_mode:
+            return
+        self._reported_mode = mode
+        self.codes.report(status_codes.CONTROL_MODES[mode])
+        if mode == util_robot_pb2.kMaintain:
+            self.readiness.initialised = False
+            if self.tasks.active:
+                self.tasks.fail(refusals.MAINTENANCE_MODE.reason)
 
     def publish_code(self, status: robot_count_pb2.StatusCode) -> None:
         """Also add the state and the task of the robot to a new status code, then send it."""

@@ -119,6 +119,8 @@ class TaskProfile:
         report_last_action: True to report the end of a task's last action before that of the task.
         final_wait: True to do waits of 0 s, e.g. the one at the end of a pick task, too.
         leave_dock: True if a robot that stands at a charger leaves its dock before a task.
+        next_after_cancel: True if a client's cancel of a task that is not paused ends only this
+            task, so that its set goes on; False if it ends the set.
         pause_at_obstacle: True to report a task before an obstacle as paused.
         obstacle_timeout: time after which an obstacle makes a task fail; None for never.
         charge_as_parking: True to report `kParking` on the way to a charger that the robot has
@@ -138,6 +140,7 @@ class TaskProfile:
     report_last_action: bool
     final_wait: bool
     leave_dock: bool
+    next_after_cancel: bool
     pause_at_obstacle: bool
     obstacle_timeout: NotNegative | None
     charge_as_parking: bool

@@ -121,8 +121,9 @@ class Tasks:
 
     @property
     def between_tasks(self) -> bool:
-        """True if a task of a set is completed, and the next one has not started yet."""
-        return self.proc.state == util_task_pb2.kCompleted and bool(self._rest_of_set)
+        """True if a task of a set has ended, and the next one has not started yet."""
+        has_ended = self.proc.state in (util_task_pb2.kCompleted, util_task_pb2.kCanceled)
+        return has_ended and bool(self._rest_of_set)
 
     @property
     def recoverable(self) -> bool:
@@ -158,6 +159,7 @@ class Tasks:
 
     def start(self, orders: Sequence[TaskOrder]) -> None:
         """Cancel the current task, and start one task or the tasks of a set, in order."""
+        self._rest_of_set.clear()
         if self.active:
             self._end(util_task_pb2.kCanceled, f"replaced by task {orders[0].id}")
         self._rest_of_set = deque(orders)
@@ -214,6 +216,9 @@ class Tasks:
     def cancel(self, reason: str, *, ordered: bool = False) -> None:
         """Cancel the task and the rest of its set. Between two tasks of a set, cancel the rest.
 
+        With `next_after_cancel` in the profile, an ordered cancel ends only the task, unless it is
+        paused.
+
         Args:
             reason: text of the report.
             ordered: True if a client has ordered the cancel, which then takes effect later.
@@ -221,11 +226,13 @@ class Tasks:
         Raises:
             RefusedError: there is no task.
         """
-        if self.between_tasks:
+        ends_set = self.paused or not (ordered and self._profile.next_after_cancel)
+        if self.between_tasks and ends_set:
             self._rest_of_set.clear()
             return
         self.require_active()
-        self._rest_of_set.clear()
+        if ends_set:
+            self._rest_of_set.clear()
         if ordered and self._canceling:
             return
         self._stop_working()
@@ -237,6 +244,12 @@ class Tasks:
         """Cancel the task if it is automatic."""
         if self.automatic:
             self.cancel(reason)
+
+    def fail(self, reason: str) -> None:
+        """Let the task fail. The rest of its set is kept: the task may be recovered."""
+        kind = self._jobs[0].kind
+        self._robot.codes.report(failure_code(kind), kind, reason)
+        self._end(util_task_pb2.kFailed, reason)
 
     def forget_failed(self) -> None:
         """Forget the jobs of an ended task and the rest of its set, so that it cannot be retried.
@@ -358,10 +371,7 @@ class Tasks:
         """Work on the current job for `dt` seconds, and report what changes."""
         progress = self._jobs[0].tick(self._robot, dt)
         if progress.failure:
-            kind = self._jobs[0].kind
-            self._robot.codes.report(failure_code(kind), kind, progress.failure)
-            # The rest of the set is kept: the task may be recovered.
-            self._end(util_task_pb2.kFailed, progress.failure)
+            self.fail(progress.failure)
         elif progress.done:
             self._finish_job(progress.text)
         elif progress.impeded != self.impeded:
@@ -403,7 +413,7 @@ class Tasks:
         self._jobs[0].suspend(self._robot)
 
     def _end(self, state: util_task_pb2.State, reason: str) -> None:
-        """End the task and report it; after a completed one, go on with the next of its set.
+        """End the task and report it; unless it has failed, go on with the next of its set.
 
         Args:
             state: one of the states in `_END_ACTION_STATES`.
@@ -424,7 +434,7 @@ class Tasks:
         empty_report = self._profile.empty_report
         if empty_report is None:  # the last report stays
             self.state = _NO_STATE
-            if state == util_task_pb2.kCompleted:
+            if state != util_task_pb2.kFailed:
                 self._start_next(at_once=True)
         elif state == util_task_pb2.kFailed or (
             self._robot.battery.charges and not self._rest_of_set

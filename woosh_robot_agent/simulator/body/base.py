@@ -91,6 +91,8 @@ class Base:
         """True if the base slows down exponentially when it is not driven."""
         self._wanted = STANDSTILL
         """Velocity that `drive` has requested for the next step; zero without a request."""
+        self._braking = False
+        """True from the first `brake` until the base is driven again."""
 
     @property
     def moving(self) -> bool:
@@ -107,6 +109,7 @@ class Base:
         """
         self._wanted = velocity.limited(self.max_speed, self.max_turn_rate)
         self._rolls_on = rolls_on
+        self._braking = False
 
     def halt(self) -> None:
         """Stop at once."""
@@ -114,11 +117,12 @@ class Base:
 
     def brake(self) -> None:
         """Stop as robots do after a velocity of zero: at once, or by an exponential slowdown."""
-        if self._rolls_for:
+        if not self._rolls_for:
+            self.halt()
+        elif not self._braking:
             # One more step at this velocity; only then does the exponential slowdown begin.
             self.drive(self.velocity, rolls_on=True)
-        else:
-            self.halt()
+            self._braking = True
 
     def place(self, pose: Pose) -> None:
         """Set the pose in the map, as localisation does. The odometry does not change."""

@@ -57,6 +57,10 @@ class Battery:
         self.level = min(100.0, max(0.0, self.level + change))
 
 
+_ROUNDING = 1e-6
+"""Rounding error of a height that clients send with single precision, in metres."""
+
+
 @dataclass
 class Lift:
     """A lift, whose height is at least 0.
@@ -86,9 +90,9 @@ class Lift:
         Raises:
             RefusedError: the lift cannot reach the height.
         """
-        if not 0.0 <= height <= self.travel + 1e-6:
+        if not -_ROUNDING <= height <= self.travel + _ROUNDING:
             raise RefusedError(f"{self.name}: {height:.3f} m is not within 0 to {self.travel:g} m")
-        return min(height, self.travel)
+        return min(max(height, 0.0), self.travel)
 
 
 _IN_REACH = {"woosh-factory": 78, "woosh-guest": 61, "warehouse-2": 34}
@@ -182,7 +186,8 @@ def _ssid(content: bytes) -> str:
     except (ValueError, RecursionError):
         raise RefusedError(refusals.NO_SSID) from None
     ssid = parsed.get("ssid") if isinstance(parsed, dict) else None
-    if not isinstance(ssid, str) or not ssid:
+    # half a surrogate pair is not printable, and could not be sent back
+    if not isinstance(ssid, str) or not ssid or not ssid.isprintable():
         raise RefusedError(refusals.NO_SSID)
     return ssid
 
@@ -197,8 +202,8 @@ class Readiness:
             switches the motors off.
         key_accepts: True if requests are accepted although the key switch is at manual.
         work: work mode.
-        initialised: True if the robot is initialised. False after a mapping until InitRobot, and
-            while InitRobot is executed.
+        initialised: True if the robot is initialised. False after a mapping or maintenance until
+            InitRobot, and while InitRobot is executed.
         located: True if the robot knows its pose.
         emergency_stop: True if the emergency stop button is pressed.
         battery_empty: True if the battery is empty.

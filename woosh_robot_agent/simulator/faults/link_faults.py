@@ -40,8 +40,8 @@ def _accept_then_drop(server: Server, injection: Injection) -> End:
 
 
 @fault(
-    "every connection ends and new ones are refused, as if the robot were switched off; at "
-    "the end it listens on the same ports again",
+    "every connection ends and new ones are refused, as if the network were switched off: the "
+    "robot goes on with what it does; at the end it listens on the same ports again",
     shared=True,
 )
 def _off(server: Server, injection: Injection) -> End:

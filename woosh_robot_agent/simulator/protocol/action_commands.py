@@ -144,8 +144,6 @@ def _set_navigation_mode(chassis: Chassis, action: action_pb2.NavigationMode) ->
         mode=mode,
         wait_timeout=max(0, int(action.wait_time)),
         max_speed=usable_speed(action.max_speed),
-        permitted_passage=action.permitted_passage,
-        capacity=action.capacity,
     )
     if chassis.ownership.navigation is None:
         raise RefusedError(refusals.NO_NAVIGATION_FOR_MODE)

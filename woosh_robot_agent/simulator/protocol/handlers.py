@@ -132,13 +132,17 @@ _MIN_SPEED = 0.01
 """Minimum speed of steps and navigation, in m/s or rad/s."""
 
 
+_ROUNDING = 1e-6
+"""Rounding error of a speed that clients send with single precision, in m/s or rad/s."""
+
+
 def usable_speed(speed: float, minimum: float = _MIN_SPEED) -> float:
     """Return the absolute value of a requested speed; 0, which stands for the default, stays 0.
 
     Raises:
         RefusedError: the speed is slower than `minimum`, but not 0.
     """
-    if 0.0 < abs(speed) < minimum:
+    if 0.0 < abs(speed) < minimum - _ROUNDING:
         raise RefusedError(
             f"speed {speed:g} is too slow: use at least {minimum:g}, or 0 for the default"
         )

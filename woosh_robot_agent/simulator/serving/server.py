@@ -234,7 +234,7 @@ class Server:
         await self._ports.listen()
 
     async def stop_listening(self) -> None:
-        """Drop all clients and refuse new ones, as if the robot were switched off."""
+        """Drop all clients and refuse new ones. The simulated time goes on."""
         self.drop()
         await self._ports.close(reserve=True)
 
