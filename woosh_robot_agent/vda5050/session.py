@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -184,6 +184,7 @@ class Session:
         take_stops: called with instant actions that came while this program stood still.
         on_restored: called before connecting to the broker, with the content of the state file, and
             with an error if the file was damaged, otherwise with None.
+        wait_until_able: awaited before connecting to the broker; waits until orders can be taken.
         on_changed: called when another connector appears or disappears.
     """
 
@@ -196,6 +197,7 @@ class Session:
         handlers: Mapping[Topic, Callable[[bytes], None]],
         take_stops: Callable[[bytes], None],
         on_restored: Callable[[Record, VehicleError | None], None],
+        wait_until_able: Callable[[], Awaitable[None]],
         on_changed: Callable[[], None],
     ) -> None:
         self._config = config
@@ -205,6 +207,7 @@ class Session:
         self._handlers = handlers
         self._take_stops = take_stops
         self._on_restored = on_restored
+        self._wait_until_able = wait_until_able
         self._on_changed = on_changed
         self._detector = OtherConnectorDetector(
             reports.is_own_connection, self._other_changed, config.gone_after
@@ -281,6 +284,7 @@ class Session:
             on_connected=self._connected,
         )
         reports.use(mqtt)
+        await self._wait_until_able()
         await mqtt.run()
 
     def _ended(self, task: asyncio.Task[None]) -> None:
