@@ -300,7 +300,13 @@ def test_nothing_is_overwritten_without_force_and_no_other_folder_with_it(
     status, _, err = run("upload", "scenex")
     assert status == 1
     assert "the robot has a scene scenex already: use --force" in err
+    history = tmp_path / "scenex" / ".git" / "HEAD"
+    history.parent.mkdir()
+    history.write_text("mine")
+    (tmp_path / "scenex" / "map.old").touch()
     assert run("download", "--force")[0] == 0
+    assert history.read_text() == "mine"
+    assert not (tmp_path / "scenex" / "map.old").exists()
     assert run("upload", "scenex", "--force")[0] == 0
     shutil.rmtree(tmp_path / "scenex")
     (tmp_path / "scenex").mkdir()

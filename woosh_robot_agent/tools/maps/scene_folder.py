@@ -4,6 +4,7 @@
 - `nav2/NAME.yaml` and `nav2/NAME.png` are the map NAME for nav2's map_server, and
   `nav2/NAME_keepout.yaml` is the mask of its keep-out areas.
 - `marks/NAME.yaml` has the marks of the map, for people to edit.
+- What is hidden directly in the folder, such as `.git`, is not of the scene, and stays.
 
 The names come from a robot, which may call a file `../../.bashrc`. Characters that could make a
 name a path out of the folder, or that some file systems do not permit, are percent-encoded.
@@ -460,6 +461,12 @@ def _read(path: Path) -> bytes:
         raise MapsError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
+def _move_hidden(source: Path, target: Path) -> None:
+    """Move what is hidden directly in a folder, if that exists, into another folder."""
+    for path in source.glob(".*"):
+        path.rename(target / path.name)
+
+
 def _write_folder(target: Path, contents: Mapping[str, bytes], *, force: bool) -> None:
     """Write a folder under another name, then rename it, so that no incomplete folder is left."""
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -478,9 +485,11 @@ def _write_folder(target: Path, contents: Mapping[str, bytes], *, force: bool) -
         if target.exists():
             target.rename(old)
         try:
+            _move_hidden(old, new)  # e.g. `.git`, which is not part of the scene
             new.rename(target)
         except OSError:
             if old.exists():
+                _move_hidden(new, old)
                 old.rename(target)
             raise
     finally:
