@@ -51,8 +51,8 @@ class RecordingWriter:
     """Writes a recording: frames, connection events, decoded messages, and views.
 
     A view is a message for display in Foxglove. A crash loses at most what was written since the
-    last `flush`. A file error ends the recording but is not raised, because `RecordingProxy` must
-    keep forwarding.
+    last `RecordingFiles.flush`. A file error ends the recording but is not raised, because
+    `RecordingProxy` must keep forwarding.
 
     Args:
         path: path of the new file, which must not exist; see `RecordingFiles` for a split
@@ -114,12 +114,12 @@ class RecordingWriter:
 
     @property
     def frames(self) -> int:
-        """Number of frames in the files; complete after `flush` and `close`."""
+        """Number of frames in the files; complete after `close`."""
         return self._files.count(FRAMES.topic)
 
     @property
     def lost(self) -> int:
-        """Number of frames that are not in the files; exact after `flush` and `close`."""
+        """Number of frames that are not in the files; exact after `close`."""
         return self._seen - self.frames
 
     def now(self) -> int:
