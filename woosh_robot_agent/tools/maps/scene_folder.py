@@ -126,31 +126,39 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
 def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
     """Return the marks of the file `name`; for an entry that was not edited, that of `old`.
 
-    An edited or new mark without an id gets one above the highest id.
+    An edited or new mark without an id gets one above the highest id. Its number and its id must
+    be its own, but marks that were not edited may share them, if they do so on the robot.
 
     Raises:
         DataFileError: an entry cannot be used; the text has its place.
     """
-    old_by_number = {storage.identity.no: storage for storage in old}
+    old_by_number: dict[str, list[Storage]] = {}
+    for storage in old:
+        old_by_number.setdefault(storage.identity.no, []).append(storage)
     storages: list[Storage] = []
     changed: list[Storage] = []
-    numbers: set[str] = set()
-    ids: set[int] = set()  # with 0 for marks without an id
+    taken: set[str | int] = set()  # numbers and ids
+    taken_by_changed: set[str | int] = set()
     for index, entry in enumerate(entries):
         where = f"{name}: {_MARKS}[{index}]"
         # `str`, because the number in a file may be anything
-        before = old_by_number.get(str(entry.get("number"))) if isinstance(entry, dict) else None
-        if before and _entry(before) == entry:
-            storage = before
-        else:
+        known = old_by_number.get(str(entry.get("number")), []) if isinstance(entry, dict) else []
+        before = next((each for each in known if _entry(each) == entry), None)
+        if before is None:
             storage = _storage(structure(_MarkEntry, entry, where))
             changed.append(storage)
+        else:
+            storage = before
+            known.remove(before)  # a copy of the entry is a new mark
         number, id_ = storage.identity.no, storage.identity.id
-        if number in numbers or (id_ and id_ in ids):
+        own = {number, id_ or number}  # 0 is no id
+        if own & (taken if before is None else taken_by_changed):
             raise DataFileError(f"{where}: number {number} or id {id_} is used twice")
-        numbers.add(number)
-        ids.add(id_)
+        taken |= own
+        if before is None:
+            taken_by_changed |= own
         storages.append(storage)
+    ids = {each.identity.id for each in storages}
     for storage in changed:
         if storage.identity.id:
             continue
