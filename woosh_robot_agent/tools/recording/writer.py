@@ -95,8 +95,8 @@ class RecordingWriter:
         self._robot: dict[str, str] = {}
         """The robot's number, model and software, as metadata; empty if unknown."""
         self._start = time.time_ns()
-        self._clock_offset = self._start - time.monotonic_ns()
-        """Unix time at zero of the monotonic clock, in ns."""
+        self._clock_offset = self._start - time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+        """Unix time at zero of the clock of `now`, in ns."""
         self._metadata = {"version": VERSION, "address": address, "started": str(self._start)}
         self._file_count = 0
         # the last attribute, because it calls `_begin_file`, which uses the others
@@ -123,8 +123,8 @@ class RecordingWriter:
         return self._seen - self.frames
 
     def now(self) -> int:
-        """Return the Unix time in ns, by a monotonic clock."""
-        return time.monotonic_ns() + self._clock_offset
+        """Return the Unix time in ns, by a clock that does not jump and counts in a suspension."""
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME) + self._clock_offset
 
     def add_frame(
         self,
