@@ -72,12 +72,14 @@ class OtherConnectorDetector:
         ONLINE that this connector did not send shows another one; any other state that it did not
         send shows that the other one is gone. A retained message may be old: it shows another
         connector only after a reconnect, until `gone_after` has passed without a further sign.
+        A retained OFFLINE shows none: a broker that has crashed may have restored an old one.
         """
         state = _connection_state(payload)
         if state is None or self._is_own(payload):
             return
         if retained:
-            if self._connections > 1:  # else the message may be of an earlier run of this connector
+            # else the message may be of an earlier run of this connector
+            if self._connections > 1 and state != ConnectionState.OFFLINE.value:
                 self._restart_timer()  # the other connector may have ended since
                 self._set_error()
         elif state == ConnectionState.ONLINE.value:
