@@ -163,7 +163,17 @@ def import_problem(error: ImportError) -> str:
     needed = _PIP_ARGUMENTS.get(module, module)
     if needed is _RECORDING and _release(_installed()["protobuf"]) < [5, 29]:
         needed = _RECORDING_OLD_PROTOBUF
-    return f"the module {module} is not installed here; run: python3 -m pip install {needed}"
+    return f"the module {module} is not installed here; {_pip_command(needed)}"
+
+
+def _pip_command(arguments: str) -> str:
+    """Return the advice to run pip, with the options for a Python that the system manages."""
+    import sysconfig
+
+    marker = os.path.join(sysconfig.get_path("stdlib"), "EXTERNALLY-MANAGED")
+    if sys.prefix == sys.base_prefix and os.path.exists(marker):  # not in an environment of its own
+        arguments = f"--user --break-system-packages {arguments}"
+    return f"run: python3 -m pip install {arguments}"
 
 
 def outdated_libraries() -> str:
@@ -182,7 +192,7 @@ def outdated_libraries() -> str:
     if not old:
         return ""
     needed = " ".join(_PIP_ARGUMENTS[module] for module in ("websockets", "google"))
-    return f"too old: {' and '.join(old)}; run: python3 -m pip install {needed}"
+    return f"too old: {' and '.join(old)}; {_pip_command(needed)}"
 
 
 def _installed() -> dict[str, str]:

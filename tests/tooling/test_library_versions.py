@@ -104,6 +104,19 @@ def test_the_libraries_of_recordings_fit_an_old_protobuf(monkeypatch: pytest.Mon
     assert "pip install mcap 'mcap-protobuf-support<0.4'" in problem
 
 
+def test_a_python_of_the_system_needs_options_of_pip(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    missing = ModuleNotFoundError(name="orjson")
+    monkeypatch.setattr("sysconfig.get_path", lambda name: str(tmp_path))
+    (tmp_path / "EXTERNALLY-MANAGED").touch()
+    monkeypatch.setattr(sys, "base_prefix", "/usr")
+    assert program.import_problem(missing).endswith("pip install orjson")  # a virtual environment
+    monkeypatch.setattr(sys, "prefix", "/usr")
+    problem = program.import_problem(missing)
+    assert problem.endswith("pip install --user --break-system-packages orjson")
+
+
 def test_what_is_missing_of_this_package_is_told_unless_it_only_needs_compiling() -> None:
     problem = program.import_problem(ModuleNotFoundError(name="woosh_robot_agent.pb"))
     assert "not compiled; run scripts/setup or python3 setup.py build_proto" in problem

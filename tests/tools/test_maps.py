@@ -300,7 +300,13 @@ def test_nothing_is_overwritten_without_force_and_no_other_folder_with_it(
     status, _, err = run("upload", "scenex")
     assert status == 1
     assert "the robot has a scene scenex already: use --force" in err
+    history = tmp_path / "scenex" / ".git" / "HEAD"
+    history.parent.mkdir()
+    history.write_text("mine")
+    (tmp_path / "scenex" / "map.old").touch()
     assert run("download", "--force")[0] == 0
+    assert history.read_text() == "mine"
+    assert not (tmp_path / "scenex" / "map.old").exists()
     assert run("upload", "scenex", "--force")[0] == 0
     shutil.rmtree(tmp_path / "scenex")
     (tmp_path / "scenex").mkdir()
@@ -409,6 +415,25 @@ def test_mistakes_in_edited_marks_are_told_and_change_nothing(run, wire, tmp_pat
         assert "wooshmap/marks/wooshmap.yaml: marks" in err
         assert reason in err
     assert wire.ask("woosh.map.SceneData") == before
+
+
+def test_marks_that_share_a_number_or_an_id_on_the_robot_may_be_kept(tmp_path):
+    info = MarkInfo()
+    for number, id_, x in (("A", 1, 1.0), ("A", 2, 2.0), ("B", 2, 3.0), ("C", 4, 4.0)):
+        storage = info.storages.add()
+        storage.identity.no, storage.identity.id, storage.pose.dock.x = number, id_, x
+    file = tmp_path / "m.yaml"
+    file.write_bytes(marks_as_yaml(info, "m"))
+    assert read_marks(file, info) is info
+    edit(file, lambda marks: marks[3].update(description="edited"))
+    info.storages[3].identity.desc = "edited"
+    info.storages[3].pose.real.CopyFrom(info.storages[3].pose.dock)
+    assert read_marks(file, info) == info
+    for index in range(3):
+        file.write_bytes(marks_as_yaml(info, "m"))
+        edit(file, lambda marks, at=index: marks[at].update(description="edited"))
+        with pytest.raises(MapsError, match="is used twice"):
+            read_marks(file, info)
 
 
 @pytest.mark.parametrize(

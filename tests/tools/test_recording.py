@@ -172,7 +172,7 @@ def test_a_recording_is_split_by_size(tmp_path):
 
 def test_a_recording_is_split_by_time(tmp_path, monkeypatch):
     clock = [10**9]
-    monkeypatch.setattr("time.monotonic_ns", lambda: clock[0])
+    monkeypatch.setattr("time.clock_gettime_ns", lambda _: clock[0])
     file, _ = writer(tmp_path / "a.mcap", split_duration=5.0)
     for number in range(30):
         file.add_frame(1, "client", numbered(number), text=True)
@@ -180,6 +180,20 @@ def test_a_recording_is_split_by_time(tmp_path, monkeypatch):
     file.close()
     assert [len(read_recording(path).records) for path in file.paths] == [5] * 6
     assert [record.t for record in read_recording(*file.paths).records] == list(range(30))
+
+
+def test_an_old_file_is_flushed_less_often(tmp_path, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    files = RecordingFiles(tmp_path / "a.mcap", Limits(MIB), lambda file: None, pytest.fail)
+    written = set()
+    for second in (*range(60), *range(86_400, 86_500)):
+        clock[0] = second
+        files.add(FRAMES, second, numbered(second))
+        files.flush()
+        written.add(files.count(FRAMES.topic))
+    files.close()
+    assert len(written) == 60 + 4  # after a day, every 25 s
 
 
 def test_the_size_limit_counts_what_each_file_begins_with(tmp_path):

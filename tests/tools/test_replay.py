@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import tracemalloc
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -104,6 +105,17 @@ async def test_a_recorded_half_of_a_surrogate_pair_is_replayed() -> None:
 def test_answers_without_a_request_are_left_out() -> None:
     stray = (1, 1, "chassis", {"type": "woosh.robot.Mode", "body": {}, "ok": True, "sn": 1234})
     assert prepare(made_up(stray)).answers.unmatched == 1
+
+
+def test_preparing_a_recording_takes_less_memory_than_its_frames() -> None:
+    scan = {"ranges": list(range(1000, 3000))}
+    records = [pushed(t, "woosh.robot.ScannerData", scan) for t in range(100)]
+    recording = made_up(*records)
+    tracemalloc.start()
+    prepare(recording)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < sum(len(each.data) for each in recording.records if isinstance(each, Frame))
 
 
 async def test_pushes_go_to_subscribers() -> None:

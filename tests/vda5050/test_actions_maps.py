@@ -19,7 +19,7 @@ from tests.vda5050.chassis_events import received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, SceneList, Upload
+from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, SceneData, SceneList, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
@@ -128,6 +128,17 @@ async def test_maps_are_listed_enabled_and_deleted(site: Site) -> None:
         ("scenex", "scenex2"),
         ("wooshmap", ""),
     ]
+
+
+async def test_the_marks_of_a_map_are_known_when_it_is_enabled(site: Site) -> None:
+    async with site.online() as master:
+        site.chassis.delay(full_name(SceneData), 0.5)
+        master.instant(action("enableMap", "e", mapId="scenex", mapVersion="12"))
+        await master.status("e", "FINISHED")
+        mark = {"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []}
+        master.order([node("a", 0, *START, map_id="scenex"), mark])
+        state = await master.accepted()
+        assert state["errors"] == []
 
 
 async def test_a_position_on_another_map_is_initialised(site: Site) -> None:

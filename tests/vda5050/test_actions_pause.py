@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -27,10 +28,10 @@ from tests.vda5050.master import (
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.exchange import Outgoing
+from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
 from woosh_robot_agent.vda5050.robot.link import Timing
 
 
@@ -276,6 +277,34 @@ async def test_a_pause_that_the_robot_refuses_before_it_drives_is_sent_when_it_d
         set_speed(chassis, 5.0)
         await master.status("p", "FINISHED")
     assert commands(chassis)[-2:] == ["pause", "pause"]
+
+
+async def test_a_pause_that_the_robot_refuses_before_it_lifts_is_sent_when_it_lifts(
+    site: Site,
+) -> None:
+    """The robot has accepted the action, but not reported it yet."""
+    held: list[Release] = []
+
+    def hold_report(out: Outgoing) -> list[Outgoing]:
+        if not isinstance(out.body, Feedbacks) or out.is_answer:
+            return [out]
+        return [replace(out, hold=lambda client, release: held.append(release))]
+
+    async with site.online(timing=Timing(repeat_after=60)) as master:
+        stop_holding = site.chassis.intercept(hold_report)
+        master.instant(action("liftTo", "lift", height=0.3, speed=0.001))
+        await master.status("lift", "RUNNING")
+        await eventually(lambda: held)
+        site.chassis.refuse(full_name(CallAction), "Request failed")
+        master.instant(action("startPause", "p"))
+        await eventually(lambda: site.chassis.counts[full_name(CallAction)] == 2)
+        site.chassis.clear_faults()
+        stop_holding()
+        site.chassis.call(lambda simulator: held[0]())
+        await master.status("p", "FINISHED")
+    assert commands(site.chassis) == [
+        f"lift_control3 {each}" for each in ("execute", "pause", "pause")
+    ]
 
 
 async def test_an_action_that_the_robot_does_not_resume_stays_paused_until_it_does(

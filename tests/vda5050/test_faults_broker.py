@@ -215,6 +215,17 @@ async def test_another_connector_whose_end_was_missed_is_gone_after_a_while() ->
     await eventually(lambda: other.error is None)
 
 
+async def test_an_old_offline_that_a_broker_has_restored_is_no_other_connector() -> None:
+    other = OtherConnectorDetector(lambda payload: False, lambda: None, gone_after=TIMEOUT)
+    for _ in range(2):
+        other.connected()
+        other.received(b'{"connectionState": "OFFLINE"}', True)
+        assert other.error is None
+    other.received(b'{"connectionState": "CONNECTIONBROKEN"}', True)
+    assert other.error is not None
+    other.close()
+
+
 def test_topics_that_the_vehicle_may_not_read_are_found() -> None:
     assert refused_topics(["order", "instantActions"], [0, 0x80]) == ["instantActions"]
 

@@ -18,12 +18,14 @@ from tests.vda5050.conftest import EXEC, Site, left_by_a_kill, task_to
 from tests.vda5050.master import START, Master, action, edge, error_types, node, nodes_left
 from tests.vda5050.programs import running_connector
 from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, Speak
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosSuccess
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050 import session, store
 from woosh_robot_agent.vda5050.messages.state import ErrorType
+from woosh_robot_agent.vda5050.robot import maps
 
 FILE = "uagv-Woosh-30001.json"
 FAST, NORMAL, HARDLY = 20.0, 1.0, 0.02
@@ -118,6 +120,23 @@ async def test_the_order_goes_on_when_the_robot_has_arrived_meanwhile(
             ended = await master.reached("c")
             assert ended["errors"] == []
     assert site.chassis.counts[EXEC] == 2
+
+
+async def test_an_order_can_be_stopped_after_a_restart_before_the_marks_are_known(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(maps, "_MARKS_WITHIN", 2 * TIMEOUT)
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path / "state"):
+            await site.drive(master, NODES, then=NORMAL)
+            left = left_by_a_kill(tmp_path / "state")
+        master.received.clear()
+        site.chassis.mute(full_name(SceneData))
+        async with site.vehicle(state_folder=left):
+            await master.online()
+            master.instant(action("startPause", "p"))
+            await master.status("p", "FINISHED")
+    assert commands(site.chassis) == ["drive", "pause"]
 
 
 async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(site: Site, tmp_path: Path) -> None:

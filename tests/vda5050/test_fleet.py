@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 import re
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, AsyncExitStack, ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
+from paho.mqtt.client import Client
 
-from tests.asynchronous import eventually
+from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import quick_config, set_speed
 from tests.tools.dashboard.pages import page
 from tests.vda5050.broker import Mosquitto, Recorder
@@ -130,6 +133,30 @@ async def test_a_lost_robot_affects_only_its_own_vehicle(
         record.vehicle for record in caplog.records if "link" in record.getMessage().lower()
     }
     assert concerned <= {f"{SERIALS[0]}: ", "nowhere: "}, caplog.text
+
+
+async def test_a_broker_that_is_off_does_not_keep_all_threads_busy(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connecting: set[object] = set()
+    is_over = threading.Event()
+
+    def connect(client: object, *arguments: object) -> None:
+        connecting.add(client)
+        is_over.wait(TIMEOUT)
+        raise OSError
+
+    monkeypatch.setattr(Client, "connect", connect)
+    link = LinkConfig(ip="127.0.0.1", port=chassis.port)
+    vehicles = {str(n): VehicleConfig(link, serial_number=str(n)) for n in range(40)}
+    connector = Connector(vehicles, BrokerConfig("broker", 1883))
+    connector.start()
+    try:
+        await eventually(lambda: len(connecting) == len(vehicles))
+        await asyncio.to_thread(is_over.set)  # e.g. a host name that is looked up
+    finally:
+        is_over.set()
+        await connector.close()
 
 
 async def test_the_state_may_go_out_while_driving_and_without_maps(site: Site) -> None:

@@ -22,6 +22,8 @@ from tests.vda5050.master import (
     nodes_left,
     references,
 )
+from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator.world.geometry import Pose
@@ -202,9 +204,10 @@ async def test_an_order_goes_no_further_while_the_robot_is_on_no_map(site: Site)
 
 
 async def test_a_node_without_position_is_driven_to_by_the_mark_of_its_name(site: Site) -> None:
+    site.chassis.delay(full_name(SceneData), 0.5)  # the vehicle is not online before
     async with site.online() as master:
         mark = {"nodeId": "K10", "sequenceId": 2, "released": True, "actions": []}
-        await master.order_until_accepted([node("a", 0, *START), mark])
+        master.order([node("a", 0, *START), mark])
         await master.reached("K10")
     (task,) = received(site.chassis, ExecTask)
     assert task.mark_no == "K10"

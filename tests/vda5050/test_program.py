@@ -46,6 +46,7 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
         /**: {ros__parameters: {robots: [hall/r1, r2, r3], ip: gateway, connect_timeout: 20}}
         /hall/*/agent: {ros__parameters: {robot_id: 7}}
         /r2/agent: {ros__parameters: {robot_id: 8, transport: tcp, serial_number: 17}}
+        /r3/agent: {ros__parameters: {poll_timeout: 2500}}
         r3: {agent: {ros__parameters: {ip: 10.0.0.3}}}
         /r3/other: {ros__parameters: {ip: 10.0.0.4}}
         """,
@@ -57,7 +58,7 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
     assert {each.name: each.link for each in robots} == {
         "hall/r1": LinkConfig(ip="gateway", robot_id=7, **common),  # type: ignore[arg-type]
         "r2": LinkConfig(ip="gateway", robot_id=8, transport="tcp", **common),  # type: ignore[arg-type]
-        "r3": LinkConfig(ip="10.0.0.3", **common),  # type: ignore[arg-type]
+        "r3": LinkConfig(ip="10.0.0.3", **common | {"request_timeout": 2.5}),  # type: ignore[arg-type]
     }
     assert robots[1].serial_number == "17"
 
@@ -70,6 +71,10 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
         ("/**: {ros__parameters: {ip: host}}", "list the names of the robots"),
         ("/**: {ros__parameters: {robots: [a]}}", "robot a: it needs an ip"),
         ("/**: {ros__parameters: {robots: [a], ip: host, port: 99999}}", "robot a: .*port 99999"),
+        (
+            "/**: {ros__parameters: {robots: [a], ip: host, poll_timeout: soon}}",
+            "robot a: its poll_timeout: must be a number",
+        ),
         ("/**: {ros__parameters: {robots: [a, b], ip: host}}", "robot b: it has the address of"),
         ("/**: {ros__parameters: {robots: [a, /a], ip: host}}", "its own name"),
     ],

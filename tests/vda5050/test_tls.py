@@ -121,6 +121,7 @@ def client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
         f"mqtts://127.0.0.1:{broker.certificate_port}",
         *("--ca-file", broker.authority.certificate),
         *("--cert-file", certificate, "--key-file", key),
+        VDA5050_PASSWORD="",  # the same as no password
     )
 
 

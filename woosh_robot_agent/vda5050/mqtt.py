@@ -503,7 +503,7 @@ def _password(path: Path | None, environment: Mapping[str, str]) -> str | None:
         ValueError: the file cannot be read, or has no password.
     """
     if path is None:
-        return environment.get(_PASSWORD_VARIABLE)
+        return environment.get(_PASSWORD_VARIABLE) or None
     try:
         lines = path.read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

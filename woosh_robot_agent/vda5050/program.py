@@ -8,6 +8,7 @@ import contextvars
 import logging
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from pathlib import Path
 
@@ -48,6 +49,9 @@ class Connector:
 
     def start(self) -> None:
         """Start connecting to the robots, and to the broker once each robot is known."""
+        # connecting to a broker that is off blocks a thread, and host names need threads, too
+        executor = ThreadPoolExecutor(2 * len(self._vehicles) + 8)
+        asyncio.get_running_loop().set_default_executor(executor)
         for vehicle, context in self._vehicles:
             context.run(vehicle.start)
 

@@ -118,6 +118,9 @@ def _robot(name: str, parameters: dict[str, Any], default: LinkConfig) -> Listed
     # `parameters` also has those that are not of the link; `known_only=False` ignores them
     options = asdict(default) | parameters
     options["handshake_timeout"] = options["connect_timeout"]  # one parameter, as in the agent
+    if "poll_timeout" in parameters:  # in milliseconds
+        poll_timeout = structure(float, parameters["poll_timeout"], "its poll_timeout")
+        options["request_timeout"] = poll_timeout / 1000
     link = structure(LinkConfig, options, "its parameters", known_only=False)
     serial_number = parameters.get("serial_number", "")
     if isinstance(serial_number, bool) or not isinstance(serial_number, str | int):

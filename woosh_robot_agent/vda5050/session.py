@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -72,12 +72,14 @@ class OtherConnectorDetector:
         ONLINE that this connector did not send shows another one; any other state that it did not
         send shows that the other one is gone. A retained message may be old: it shows another
         connector only after a reconnect, until `gone_after` has passed without a further sign.
+        A retained OFFLINE shows none: a broker that has crashed may have restored an old one.
         """
         state = _connection_state(payload)
         if state is None or self._is_own(payload):
             return
         if retained:
-            if self._connections > 1:  # else the message may be of an earlier run of this connector
+            # else the message may be of an earlier run of this connector
+            if self._connections > 1 and state != ConnectionState.OFFLINE.value:
                 self._restart_timer()  # the other connector may have ended since
                 self._set_error()
         elif state == ConnectionState.ONLINE.value:
@@ -184,6 +186,7 @@ class Session:
         take_stops: called with instant actions that came while this program stood still.
         on_restored: called before connecting to the broker, with the content of the state file, and
             with an error if the file was damaged, otherwise with None.
+        wait_until_able: awaited before connecting to the broker; waits until orders can be taken.
         on_changed: called when another connector appears or disappears.
     """
 
@@ -196,6 +199,7 @@ class Session:
         handlers: Mapping[Topic, Callable[[bytes], None]],
         take_stops: Callable[[bytes], None],
         on_restored: Callable[[Record, VehicleError | None], None],
+        wait_until_able: Callable[[], Awaitable[None]],
         on_changed: Callable[[], None],
     ) -> None:
         self._config = config
@@ -205,6 +209,7 @@ class Session:
         self._handlers = handlers
         self._take_stops = take_stops
         self._on_restored = on_restored
+        self._wait_until_able = wait_until_able
         self._on_changed = on_changed
         self._detector = OtherConnectorDetector(
             reports.is_own_connection, self._other_changed, config.gone_after
@@ -281,6 +286,7 @@ class Session:
             on_connected=self._connected,
         )
         reports.use(mqtt)
+        await self._wait_until_able()
         await mqtt.run()
 
     def _ended(self, task: asyncio.Task[None]) -> None:

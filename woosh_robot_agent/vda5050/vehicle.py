@@ -109,6 +109,7 @@ class Vehicle:
             {topic: partial(self._received, take, identity) for topic, take in handlers.items()},
             partial(self._received, self._intake.take_stops, identity),
             self._restore,
+            self._wait_for_marks,
             self._update,
         )
         self._session.start()
@@ -150,6 +151,15 @@ class Vehicle:
         if execution.order.busy:
             _LOG.info("order %s goes on after a restart", record.order.order_id)
         self._update()
+
+    async def _wait_for_marks(self) -> None:
+        """Wait for the marks, unless there is something that the master control may want to stop.
+
+        An order that came before the marks would drive by poses instead of docking at them.
+        """
+        execution = self._execution
+        if not (execution.order.busy or execution.is_executing):
+            await execution.maps.wait_for_marks()
 
     def _save(self) -> None:
         """Save the state that must survive a restart."""

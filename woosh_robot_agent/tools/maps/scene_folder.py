@@ -4,6 +4,7 @@
 - `nav2/NAME.yaml` and `nav2/NAME.png` are the map NAME for nav2's map_server, and
   `nav2/NAME_keepout.yaml` is the mask of its keep-out areas.
 - `marks/NAME.yaml` has the marks of the map, for people to edit.
+- What is hidden directly in the folder, such as `.git`, is not of the scene, and stays.
 
 The names come from a robot, which may call a file `../../.bashrc`. Characters that could make a
 name a path out of the folder, or that some file systems do not permit, are percent-encoded.
@@ -125,31 +126,39 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
 def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
     """Return the marks of the file `name`; for an entry that was not edited, that of `old`.
 
-    An edited or new mark without an id gets one above the highest id.
+    An edited or new mark without an id gets one above the highest id. Its number and its id must
+    be its own, but marks that were not edited may share them, if they do so on the robot.
 
     Raises:
         DataFileError: an entry cannot be used; the text has its place.
     """
-    old_by_number = {storage.identity.no: storage for storage in old}
+    old_by_number: dict[str, list[Storage]] = {}
+    for storage in old:
+        old_by_number.setdefault(storage.identity.no, []).append(storage)
     storages: list[Storage] = []
     changed: list[Storage] = []
-    numbers: set[str] = set()
-    ids: set[int] = set()  # with 0 for marks without an id
+    taken: set[str | int] = set()  # numbers and ids
+    taken_by_changed: set[str | int] = set()
     for index, entry in enumerate(entries):
         where = f"{name}: {_MARKS}[{index}]"
         # `str`, because the number in a file may be anything
-        before = old_by_number.get(str(entry.get("number"))) if isinstance(entry, dict) else None
-        if before and _entry(before) == entry:
-            storage = before
-        else:
+        known = old_by_number.get(str(entry.get("number")), []) if isinstance(entry, dict) else []
+        before = next((each for each in known if _entry(each) == entry), None)
+        if before is None:
             storage = _storage(structure(_MarkEntry, entry, where))
             changed.append(storage)
+        else:
+            storage = before
+            known.remove(before)  # a copy of the entry is a new mark
         number, id_ = storage.identity.no, storage.identity.id
-        if number in numbers or (id_ and id_ in ids):
+        own = {number, id_ or number}  # 0 is no id
+        if own & (taken if before is None else taken_by_changed):
             raise DataFileError(f"{where}: number {number} or id {id_} is used twice")
-        numbers.add(number)
-        ids.add(id_)
+        taken |= own
+        if before is None:
+            taken_by_changed |= own
         storages.append(storage)
+    ids = {each.identity.id for each in storages}
     for storage in changed:
         if storage.identity.id:
             continue
@@ -460,6 +469,12 @@ def _read(path: Path) -> bytes:
         raise MapsError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
+def _move_hidden(source: Path, target: Path) -> None:
+    """Move what is hidden directly in a folder, if that exists, into another folder."""
+    for path in source.glob(".*"):
+        path.rename(target / path.name)
+
+
 def _write_folder(target: Path, contents: Mapping[str, bytes], *, force: bool) -> None:
     """Write a folder under another name, then rename it, so that no incomplete folder is left."""
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -478,9 +493,11 @@ def _write_folder(target: Path, contents: Mapping[str, bytes], *, force: bool) -
         if target.exists():
             target.rename(old)
         try:
+            _move_hidden(old, new)  # e.g. `.git`, which is not part of the scene
             new.rename(target)
         except OSError:
             if old.exists():
+                _move_hidden(new, old)
                 old.rename(target)
             raise
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -187,6 +188,8 @@ class RecordingFiles:
         """Number of messages in the completed files, by topic."""
         self._start: int | None = None
         """Log time of the first message of `add` in the current file, in ns; None before it."""
+        self._begun_at = self._flushed_at = 0.0
+        """Monotonic times of the start of the current file, and of its last `flush`, in seconds."""
         self._begin_size = 0
         """Size of the current file right after `on_new_file`, in bytes."""
         self._split_after = limits.split_duration * 1e9 or math.inf
@@ -253,8 +256,16 @@ class RecordingFiles:
         self._write(lambda file: file.add_metadata(name, values))
 
     def flush(self) -> None:
-        """Pass everything written so far on to the operating system."""
-        self._write(McapFile.flush)
+        """Pass everything written so far on to the operating system.
+
+        In a file that is older than an hour, this is done at most once in each 3600th part of its
+        age: each flush adds a chunk to the index, which stays in memory until `close`.
+        """
+        now = time.monotonic()
+        period = (now - self._begun_at) / 3600
+        if period <= 1.0 or now - self._flushed_at >= period:
+            self._flushed_at = now
+            self._write(McapFile.flush)
 
     def close(self) -> None:
         """Complete and close the current file."""
@@ -309,6 +320,7 @@ class RecordingFiles:
         self._on_new_file(self._file)
         self._file.flush()
         self._start, self._begin_size = None, self._file.size
+        self._begun_at = self._flushed_at = time.monotonic()
 
     def _close_file(self) -> None:
         file = self._file

@@ -34,9 +34,12 @@ def _decode(record: Record) -> Envelope | None:
     if isinstance(record, Event) or record.invalid:
         return None
     try:
-        return server_codec(record.data).decode(record.data)
+        envelope = server_codec(record.data).decode(record.data)
     except FrameError:
         return None
+    if record.sender == "chassis":
+        envelope.body = None  # unused, and far larger than the frame
+    return envelope
 
 
 def apply_subscription(topics: set[str], envelope: Envelope, frame: str | bytes) -> None:

@@ -51,8 +51,8 @@ class RecordingWriter:
     """Writes a recording: frames, connection events, decoded messages, and views.
 
     A view is a message for display in Foxglove. A crash loses at most what was written since the
-    last `flush`. A file error ends the recording but is not raised, because `RecordingProxy` must
-    keep forwarding.
+    last `RecordingFiles.flush`. A file error ends the recording but is not raised, because
+    `RecordingProxy` must keep forwarding.
 
     Args:
         path: path of the new file, which must not exist; see `RecordingFiles` for a split
@@ -95,8 +95,8 @@ class RecordingWriter:
         self._robot: dict[str, str] = {}
         """The robot's number, model and software, as metadata; empty if unknown."""
         self._start = time.time_ns()
-        self._clock_offset = self._start - time.monotonic_ns()
-        """Unix time at zero of the monotonic clock, in ns."""
+        self._clock_offset = self._start - time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+        """Unix time at zero of the clock of `now`, in ns."""
         self._metadata = {"version": VERSION, "address": address, "started": str(self._start)}
         self._file_count = 0
         # the last attribute, because it calls `_begin_file`, which uses the others
@@ -114,17 +114,17 @@ class RecordingWriter:
 
     @property
     def frames(self) -> int:
-        """Number of frames in the files; complete after `flush` and `close`."""
+        """Number of frames in the files; complete after `close`."""
         return self._files.count(FRAMES.topic)
 
     @property
     def lost(self) -> int:
-        """Number of frames that are not in the files; exact after `flush` and `close`."""
+        """Number of frames that are not in the files; exact after `close`."""
         return self._seen - self.frames
 
     def now(self) -> int:
-        """Return the Unix time in ns, by a monotonic clock."""
-        return time.monotonic_ns() + self._clock_offset
+        """Return the Unix time in ns, by a clock that does not jump and counts in a suspension."""
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME) + self._clock_offset
 
     def add_frame(
         self,

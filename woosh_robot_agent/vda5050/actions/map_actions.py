@@ -194,6 +194,7 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     await run.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
     await run.wait(lambda: _is_current(execution, chosen), _TIMEOUT, _NOT_USED(map=name))
     await _read_pose(run)
+    await execution.maps.wait_for_marks()  # the next order may need them
 
 
 async def _read_pose(run: Run) -> None:

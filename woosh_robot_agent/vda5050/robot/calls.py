@@ -241,16 +241,17 @@ class RobotCalls:
         call = _Call(command, report)
 
         async def send(control: Control) -> Answer:
-            return await self._link.command(call.request(_CONTROLS[control]))
+            def take_answer(answer: Answer) -> None:
+                """Take the answer in order with the reports."""
+                # a refusal before the action has begun does not mean that it cannot be paused
+                if control is Control.PAUSE and not answer.ok and call.reported:
+                    self._pause_failed(call)
+
+            return await self._link.command(call.request(_CONTROLS[control]), tap=take_answer)
 
         def answered(control: Control, answer: Answer | None) -> None:
             if control is Control.CANCEL:
                 self._ask_about(call)  # so that its end is known even if no report tells it
-                return
-            is_refused = answer is not None and not answer.ok
-            # a refusal before the action has begun does not mean that the action cannot be paused
-            if control is Control.PAUSE and is_refused and (call.accepted or call.reported):
-                self._pause_failed(call)
 
         call.controller = Controller(self._link, call.name, send, answered)
         return call

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from woosh_robot_agent.link import ConnectionLostError, LinkError
 from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.link.reports import LogOnce
+from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneDataEasy, SceneList
 from woosh_robot_agent.pb.map.mark_pb2 import Pose
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
@@ -20,6 +22,8 @@ from woosh_robot_agent.vda5050.robot.link import RobotLink
 _LOG = logging.getLogger(__name__)
 _MAX_RETRY_DELAY = 300.0
 """Longest pause before maps and marks are requested again, in seconds."""
+_MARKS_WITHIN = 10.0
+"""Maximum wait for the marks, in seconds; real robots have taken 5 s."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ class RobotMaps:
         """Name of the robot's scene; empty if it has none, or before its first report."""
         self._marks: dict[tuple[str, str], NodePosition] = {}
         """Positions of the marks, by the id of the map and the number of the mark."""
+        self._were_requested = asyncio.Event()
+        """Set when a request for the marks of the scene has been answered, or has failed."""
         self._retry = Backoff(link.timing.ask_again_after, _MAX_RETRY_DELAY)
         """Pauses after failed requests."""
         self._costs_link = False
@@ -69,6 +75,11 @@ class RobotMaps:
     def find_mark(self, number: str, map_id: str) -> NodePosition | None:
         """Return the position of a mark, with its heading; None if the map has no such mark."""
         return self._marks.get((map_id, number))
+
+    async def wait_for_marks(self) -> None:
+        """Wait for the marks, which an order may need; go on without them if a request fails."""
+        with contextlib.suppress(TimeoutError):
+            await run_with_timeout(_MARKS_WITHIN, self._were_requested.wait())
 
     def listed(self, info: RobotInfo) -> tuple[Map, ...] | None:
         """Return the maps for the state message; None if they are unknown.
@@ -133,6 +144,7 @@ class RobotMaps:
         is_other = scene.scene_name != self._scene
         if is_other:
             self._scene, self._marks = scene.scene_name, {}
+            self._were_requested.clear()
         if is_other or not self._costs_link:
             self._request_soon()
         self._link.background.start(self._refresh(), self)
@@ -151,13 +163,16 @@ class RobotMaps:
                 await self._link.wait_ready()
                 self._costs_link = False
                 is_listed = await self.read()
-                if await self._read_marks(self._scene) and is_listed:
-                    self._request_soon()
-                    self._log.clear()
-                    return
+                is_complete = await self._read_marks(self._scene) and is_listed
             except LinkError as error:
+                is_complete = False
                 self._costs_link |= isinstance(error, ConnectionLostError)
                 self._log.warn("maps", f"the maps and marks are unknown for now: {error}")
+            self._were_requested.set()
+            if is_complete:
+                self._request_soon()
+                self._log.clear()
+                return
             self._not_before = clock() + self._retry.next()
             if not self._link.ready:
                 return  # maps and marks are read again after a reconnect
