@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 
 import pytest
 
@@ -45,6 +46,28 @@ async def test_a_close_ends_even_if_the_other_end_reads_nothing(kind: str, is_fu
         assert not ours()
         with pytest.raises(ConnectionLostError, match="the link was closed"):
             await task
+
+
+async def read_to_end(connection: socket.socket) -> None:
+    while await asyncio.get_running_loop().sock_recv(connection, 1 << 20):
+        pass
+
+
+async def test_what_the_kernel_has_not_sent_is_dropped_with_the_connection() -> None:
+    """A command must not arrive when the link was given up long ago."""
+    loop = asyncio.get_running_loop()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        transport = await open_transport(config(server.getsockname()[1], transport="tcp"))
+        chassis, _ = await loop.sock_accept(server)
+        with chassis:
+            sending = asyncio.ensure_future(transport.send(bytes(10_000_000)))
+            await turns()
+            transport.abort()
+            with pytest.raises(ConnectionResetError):
+                await soon(read_to_end(chassis))
+        await asyncio.wait({sending})
+        sending.exception()
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import contextvars
+import socket
+import struct
 import sys
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
@@ -86,6 +88,17 @@ def abort_transport(transport: asyncio.WriteTransport) -> None:
     # asyncio fails if the transport was closed with unsent bytes, and these have been sent since
     with contextlib.suppress(AttributeError):
         transport.abort()
+
+
+def drop_unsent_at_end(transport: asyncio.BaseTransport) -> None:
+    """Let the end of a TCP connection drop what the kernel has not sent yet.
+
+    Otherwise the kernel goes on sending for minutes: a command would be executed long after the
+    link was given up, even after a stop over a new link. The other end sees a reset.
+    """
+    linger = struct.pack("ii", 1, 0)  # on, for 0 s
+    with contextlib.suppress(OSError):  # it has ended already
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
 
 
 def retrieve_exception(task: asyncio.Future[Any]) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import math
+import socket
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -17,6 +19,7 @@ from woosh_robot_agent.link.tasks import (
     abort_transport,
     cancel_and_wait,
     close_or_abort,
+    drop_unsent_at_end,
     retrieve_exception,
     run_with_timeout,
 )
@@ -221,8 +224,12 @@ class TcpTransport:
         return False  # delimited frames have no ping
 
     async def close(self, timeout: float = 1.0) -> None:
-        self._writer.close()
         try:
+            # like `drop_unsent_at_end`, but the last bytes get some time to arrive
+            self._writer.get_extra_info("socket").setsockopt(
+                socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, math.ceil(timeout * 1000)
+            )
+            self._writer.close()
             await run_with_timeout(timeout, self._writer.wait_closed())
         except OSError:  # includes TimeoutError
             pass
@@ -230,6 +237,7 @@ class TcpTransport:
             self.abort()
 
     def abort(self) -> None:
+        drop_unsent_at_end(self._writer.transport)
         abort_transport(self._writer.transport)
 
     async def _write(self, data: bytes) -> None:
@@ -348,9 +356,11 @@ class WebSocketTransport:
         return True
 
     async def close(self, timeout: float = 1.0) -> None:
+        drop_unsent_at_end(self._socket.transport)  # the answer to the close frame comes after all
         await close_or_abort(self._socket.close(), self.abort, timeout)
 
     def abort(self) -> None:
+        drop_unsent_at_end(self._socket.transport)
         abort_transport(self._socket.transport)
 
 

@@ -12,7 +12,12 @@ from functools import partial
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import LogOnce, system_text
 from woosh_robot_agent.link.server import Listener
-from woosh_robot_agent.link.tasks import abort_transport, cancel_and_wait, run_with_timeout
+from woosh_robot_agent.link.tasks import (
+    abort_transport,
+    cancel_and_wait,
+    drop_unsent_at_end,
+    run_with_timeout,
+)
 from woosh_robot_agent.tools.recording.layout import Side
 from woosh_robot_agent.tools.recording.streams import (
     DelimitedParser,
@@ -242,6 +247,7 @@ class RecordingProxy:
         except OSError as error:  # also a TimeoutError, if the other computer has vanished
             by = sender if is_reading else receiver  # the side whose socket failed
             self._end(connection, by, error.strerror or type(error).__name__)
+            drop_unsent_at_end(writer.transport)  # the sender may have given up its commands
             abort_transport(writer.transport)
 
     def _end(self, connection: _Connection, by: Side, how: str) -> None:
