@@ -65,6 +65,10 @@ class RobotView:
         else:
             self.values.remember(message)
             if isinstance(message, RobotInfo):
+                if (
+                    self.has_robot_info
+                ):  # not the first: the link was lost, and actions may have ended
+                    self.actions.clear()
                 self.has_robot_info = True
                 self._add_codes(message.status_codes.scs)
             elif isinstance(message, StatusCodes):

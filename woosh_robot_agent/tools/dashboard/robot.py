@@ -23,7 +23,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
-from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotInfo, RobotState, ScannerData, Scene
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED, is_charging, objections
 from woosh_robot_agent.sentences import Said, Sentence, said_by
@@ -235,8 +235,6 @@ class Robot:
         self.view.update(message)
         if isinstance(message, NavPath):
             self._path_link_and_map = self._link_and_map
-        elif isinstance(message, RobotInfo):  # a new link: actions may have ended unseen
-            self.view.actions.clear()
         self._note_code_times()
         self._note_speed()
         self.parts.changed()
