@@ -32,7 +32,9 @@ export class Connection {
     this.unsentStop = { id: 0, robot: "" }; // stop that waits for the connection; id 0 without one
     this.stopTimeout = 2500; // milliseconds
     this.problem = "link.connecting";
-    this.receivedAt = 0; // time of the last message, or of the connection attempt
+    // time of the last message, or of the connection attempt, by two clocks: the first one may stand
+    // still while the device sleeps, and the second one may be set back
+    this.receivedAt = { monotonic: 0, wall: 0 };
     this.retry = 0; // timer of the next attempt
     this.socket = this.connect();
     document.addEventListener("visibilitychange", () => this.reportVisibility());
@@ -47,7 +49,7 @@ export class Connection {
     clearTimeout(this.retry);
     this.clock = 0;
     this.isReady = false;
-    this.receivedAt = performance.now();
+    this.receivedAt = { monotonic: performance.now(), wall: Date.now() };
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
@@ -63,7 +65,7 @@ export class Connection {
 
   /** @param {string | ArrayBuffer} data */
   received(data) {
-    this.receivedAt = performance.now();
+    this.receivedAt = { monotonic: performance.now(), wall: Date.now() };
     this.handle(data);
     if (this.problem) this.setProblem("");
   }
@@ -147,7 +149,8 @@ export class Connection {
   /** Show that the dashboard sends nothing, and in the end open another connection. */
   checkSilence() {
     if (this.socket.readyState === WebSocket.CLOSED) return;
-    const silence = performance.now() - this.receivedAt;
+    const { monotonic, wall } = this.receivedAt;
+    const silence = Math.max(performance.now() - monotonic, Date.now() - wall);
     const connecting = this.socket.readyState === WebSocket.CONNECTING;
     if (silence > (connecting ? CONNECT_TIMEOUT : GIVE_UP)) {
       this.reconnect();
