@@ -29,7 +29,8 @@ export class Connection {
     /** @type {Map<string, string>} the pieces of a large part that have come, by the name of the part */
     this.pieces = new Map();
     this.isReady = false; // true once the dashboard knows which robot the page shows
-    this.unsentStop = { id: 0, robot: "" }; // stop that waits for the connection; id 0 without one
+    /** @type {Map<string, number>} ids of the stops that wait for the connection, by the robot's address */
+    this.unsentStops = new Map();
     this.stopTimeout = 2500; // milliseconds
     this.problem = "link.connecting";
     // time of the last message, or of the connection attempt, by two clocks: the first one may stand
@@ -103,13 +104,19 @@ export class Connection {
   begin(robots, shown) {
     this.isReady = true;
     if (document.hidden) this.reportVisibility();
-    const { id, robot } = this.unsentStop;
-    this.unsentStop = { id: 0, robot: "" };
-    const stopped = id ? robots.indexOf(robot) : 0; // the dashboard begins with the first robot
-    if (stopped > 0) this.watch(stopped); // a command is for the robot that is watched
-    if (stopped < 0) this.settle(id, failure("reason.robotGone"));
-    else if (id) this.sendCommand(id, "stop", {});
-    if (shown !== Math.max(0, stopped)) this.watch(shown);
+    let watched = 0; // the dashboard begins with the first robot
+    for (const [robot, id] of this.unsentStops) {
+      const stopped = robots.indexOf(robot);
+      if (stopped < 0) {
+        this.settle(id, failure("reason.robotGone"));
+        continue;
+      }
+      if (stopped !== watched) this.watch(stopped); // a command is for the robot that is watched
+      watched = stopped;
+      this.sendCommand(id, "stop", {});
+    }
+    this.unsentStops.clear();
+    if (shown !== watched) this.watch(shown);
   }
 
   /** Show why there is no connection. The browser does not say why it has failed. */
@@ -131,7 +138,7 @@ export class Connection {
   }
 
   /**
-   * Fail the commands that wait for their answer, except an unsent stop, and connect again later.
+   * Fail the commands that wait for their answer, except unsent stops, and connect again later.
    * @param {boolean} dismissed true if the dashboard has too many viewers; then do not connect again
    */
   lost(dismissed) {
@@ -139,8 +146,9 @@ export class Connection {
     this.isReady = false;
     if (dismissed) this.setProblem("link.dismissed");
     else this.findProblem();
+    const unsent = [...this.unsentStops.values()];
     for (const id of [...this.replies.keys()]) {
-      if (id !== this.unsentStop.id) this.settle(id, failure("reason.connectionLost"));
+      if (!unsent.includes(id)) this.settle(id, failure("reason.connectionLost"));
     }
     // too many viewers would otherwise displace one another for ever
     if (!dismissed) this.retry = setTimeout(() => this.connect(), RETRY_DELAY);
@@ -202,11 +210,11 @@ export class Connection {
     if (this.isReady) {
       this.sendCommand(id, "stop", {});
     } else {
-      this.unsentStop = { id, robot };
+      this.unsentStops.set(robot, id);
       if (this.socket.readyState > WebSocket.OPEN) this.reconnect();
     }
     setTimeout(() => {
-      if (this.unsentStop.id === id) this.unsentStop.id = 0;
+      if (this.unsentStops.get(robot) === id) this.unsentStops.delete(robot);
       this.settle(id, failure("reason.noAnswer"));
     }, this.stopTimeout);
     return this.waitForReply(id);
