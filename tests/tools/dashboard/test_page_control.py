@@ -157,6 +157,7 @@ async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorTh
         reads = {
             *("woosh.Subscription", "woosh.robot.RobotInfo", "woosh.robot.RobotState"),
             *("woosh.robot.ScannerData", "woosh.map.SceneData", "woosh.map.SceneList"),
+            "woosh.ros.Feedbacks",
         }
         assert set(chassis.counts) <= reads
         await viewer.drive(0.3)
@@ -428,6 +429,33 @@ async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift_or_may_drive_o
         await viewer.passed(3.0)
         assert viewer.parts["fleet"][0]["alarm"]
         chassis.push(ends)
+        await viewer.until(lambda parts: not parts["fleet"][0]["alarm"])
+
+
+@pytest.mark.parametrize("answer", ["executing", "refused", "not named"])
+async def test_an_alarm_is_not_ended_by_the_loss_of_the_link_while_an_action_goes_on(
+    chassis: SimulatorThread, answer: str
+) -> None:
+    """The first RobotInfo of a link does not have the actions, and robots push only changes."""
+    async with controlled(chassis) as viewer:
+        chassis.push(Feedbacks(fbs=[LIFTS]))
+        await viewer.until(lambda parts: parts["robot"]["actions"])
+        if answer == "executing":
+            chassis.call(lambda simulator: simulator.chassis.actions.last.update(lift=LIFTS))
+        elif answer == "refused":
+            chassis.refuse(full_name(Feedbacks), "Request failed")
+        for refused in (ActionOrder, CallAction, Follow):
+            chassis.refuse(full_name(refused), "Request failed")
+        await viewer.refused("stop")
+        await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
+        chassis.drop()
+        await viewer.until(lambda parts: parts["details"]["connects"] == 2)
+        if answer != "not named":
+            state = "executing" if answer == "executing" else "unknown"
+            await viewer.until(lambda parts: parts["robot"]["actions"][0]["state"] == state)
+            await viewer.passed(3.0)
+            assert viewer.parts["fleet"][0]["alarm"]
+            chassis.push(Feedbacks(fbs=[LIFTED]))
         await viewer.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
