@@ -41,9 +41,11 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     RobotInfo,
     RobotState,
     ScannerData,
+    Scene,
 )
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard import server
+from woosh_robot_agent.tools.dashboard import map_source, server
+from woosh_robot_agent.tools.dashboard.map_source import MapSource
 from woosh_robot_agent.tools.dashboard.part_data import (
     lanes_data,
     points_data,
@@ -62,6 +64,31 @@ async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThre
         await viewer.give("switchMap", scene="wooshmap", map="wooshmap")
         await viewer.until(lambda parts: parts["map"]["marks"] and not parts["map"]["error"])
         assert viewer.parts["map"]["name"] == "wooshmap"
+
+
+async def test_a_map_that_cannot_be_had_is_requested_after_ever_longer_pauses(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may cost the link each time, or take so long that other answers are late."""
+    name, clock = full_name(SceneData), asyncio.get_running_loop().time
+    chassis.refuse(name, "the scene is damaged")
+    async with ChassisClient(config=LinkConfig("127.0.0.1", chassis.port)) as client:
+
+        async def wait_requested(source: MapSource, version: int, count: int) -> None:
+            def is_requested() -> bool:
+                source.update(Scene(scene_name="hall", version=version), False)
+                return chassis.counts[name] >= count
+
+            await eventually(is_requested)
+
+        monkeypatch.setattr(map_source, "_RETRY_DELAY", 3600.0)
+        source = MapSource(client, lambda: None)
+        await wait_requested(source, 1, 1)
+        await wait_requested(source, 2, 2)  # another map may be smaller
+        monkeypatch.setattr(map_source, "_RETRY_DELAY", 0.05)
+        source, begin = MapSource(client, lambda: None), clock()
+        await wait_requested(source, 2, 8)
+        assert clock() - begin > 0.8 * 0.05 * (1 + 2 + 4 + 8 + 16)
 
 
 async def test_a_map_grows_while_it_is_made_and_ends_with_its_discard(
