@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -686,6 +687,17 @@ def test_faults_and_obstacles_of_the_simulator(robot: SimulatedPage, browser: Br
     eventually(lambda: browser.script("mapCanvas.picture().obstacles.length") == 1, "the obstacle")
     browser.script("globalThis.former = store.scan.value")
     eventually(lambda: browser.script("globalThis.former !== store.scan.value"), "the next scan")
+    # another dashboard at the address, which takes the robot for a real one
+    browser.show("simulator")
+    browser.press("#obstacle")
+    robot.close_page()
+    with robot.serving(port=urlsplit(robot.url).port):
+        eventually(lambda: not browser.elements("#tab-simulator"), "the end of the tab")
+        eventually(lambda: browser.elements("#marks button"), "the tab in its place")
+        assert browser.script("[store.tool.value, mapCanvas.picture().obstacles.length]") == [
+            "move",
+            0,
+        ]
 
 
 @pytest.mark.parametrize("start", [firefox, webkit])

@@ -412,6 +412,8 @@ export function receive(name, data) {
         endLimits();
         unanswered.value = alarms.value; // keep the alarms: the new process may know nothing of them
         map.value = null; // the new process may use the map's number for another map
+        simulator.value = null; // its robots may be real
+        if (tool.value === "obstacle") tool.value = "move";
       }
       process = data.process;
       page ||= data.page;
