@@ -190,6 +190,11 @@ class Robot:
         return Text("reason.noData", seconds=self.silence) if self.silence else None
 
     @property
+    def is_live(self) -> bool:
+        """True if there is a link, and what is known of the robot is up to date."""
+        return self.chassis.state is LinkState.READY and self.no_data is None
+
+    @property
     def link_state(self) -> str:
         """State of the link: `connected`, `lost`, or `not connected` if it never was.
 
@@ -426,7 +431,7 @@ class Robot:
         # the text of an `OtherRobotError` has the remedy
         needs_advice = not ready and not isinstance(error, OtherRobotError)
         return {
-            "good": ready and self.no_data is None,
+            "good": self.is_live,
             "state": self.link_state,
             "since": int(chassis.since * 1000),
             "silence": self.silence if ready else 0,

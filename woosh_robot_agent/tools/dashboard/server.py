@@ -115,7 +115,7 @@ class Dashboard:
         self._files = _page_files()
         self._shared = Parts()
         self._shared.add("fleet", self._fleet_data, on_change=False, each_second=True)
-        self._shared.add("places", self._places_data)
+        self._shared.add("places", self._places_data, each_second=True)  # links may be lost
         self.robots = [
             Robot(each, self._shared, control=config.control, scan_rate=config.scan_rate)
             for each in robots
@@ -242,7 +242,11 @@ class Dashboard:
     def _places_data(self) -> list[dict[str, Any]]:
         if len(self.robots) == 1:
             return []
-        places = (part_data.place_data(each.view.info, n) for n, each in enumerate(self.robots))
+        places = (
+            part_data.place_data(each.view.info, index)
+            for index, each in enumerate(self.robots)
+            if each.is_live
+        )
         return [each for each in places if each is not None]
 
     # HTTP

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion.gate import StopReport
 from woosh_robot_agent.motion.wheel_owner import may_drive
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
@@ -82,7 +81,7 @@ class StopAlarm:
         if not self._reason:
             return
         chassis, now = self._robot.chassis, asyncio.get_running_loop().time()
-        if self._may_move() or self._robot.no_data or chassis.state is not LinkState.READY:
+        if self._may_move() or not self._robot.is_live:
             self._restart_standstill()
         elif now - self._maybe_moving_at > _STANDSTILL and chassis.stats.rx > self._received:
             self._reason = ""
