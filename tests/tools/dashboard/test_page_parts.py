@@ -31,6 +31,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     BuildMap,
+    BuildMapData,
     ExecTask,
     InitRobot,
     Twist,
@@ -43,6 +44,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     ScannerData,
     Scene,
 )
+from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import map_source, server
 from woosh_robot_agent.tools.dashboard.map_source import MapSource
@@ -110,6 +112,11 @@ async def test_a_map_grows_while_it_is_made_and_ends_with_its_discard(
         assert status == 200
         with Image.open(io.BytesIO(body)) as image:
             assert image.format == "PNG"
+        await viewer.send(do="visible", visible=False)
+        ended = Subscription(topics=[full_name(BuildMapData)], sub=False)
+        await eventually(lambda: chassis.last("woosh.Subscription") == ended)
+        await viewer.send(do="visible", visible=True)
+        await viewer.until(lambda parts: parts["map"]["number"] > area["number"])
         await viewer.give("discardMap")
         await viewer.until(lambda parts: parts["robot"]["state"] != "mapping")
         await viewer.until(lambda parts: parts["map"]["marks"])  # that of the scene again

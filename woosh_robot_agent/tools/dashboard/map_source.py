@@ -60,7 +60,7 @@ class MapPicture:
 class MapSource:
     """Requests the map that the robot uses, and receives the map that the robot is making.
 
-    Call `update` repeatedly while somebody watches.
+    Call `update` repeatedly while somebody watches, then `end_subscription`.
 
     Args:
         on_change: called when the picture, the error or the list of scenes has changed.
@@ -119,7 +119,7 @@ class MapSource:
             if task is not None:
                 task.cancel()
         self._picture_task = self._scenes_task = None
-        self._end_subscription()
+        self.end_subscription()
 
     def update(self, scene: Scene, mapping: bool) -> None:
         """Request the map and the list of scenes if they are due.
@@ -135,7 +135,7 @@ class MapSource:
             if self._unsubscribe is None:
                 self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._map_grown)
             return
-        self._end_subscription()
+        self.end_subscription()
         wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
         if wanted != self._wanted:
             self._wanted, self._not_before = wanted, -math.inf
@@ -201,7 +201,8 @@ class MapSource:
         except (FrameError, MapError):  # the next report comes within a second
             return
 
-    def _end_subscription(self) -> None:
+    def end_subscription(self) -> None:
+        """Receive the map that the robot is making no more, until the next call of `update`."""
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None

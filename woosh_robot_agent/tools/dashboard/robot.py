@@ -353,6 +353,8 @@ class Robot:
         """Keep the map up to date, and request the path that the robot follows if it is unknown."""
         asking: asyncio.Task[None] | None = None
         while True:
+            if not self._shared.watched:
+                self.map.end_subscription()
             # also for a robot that nobody watches: it may have no link when somebody does
             await self._shared.wait_watched()
             self.map.update(*self._map_use)
