@@ -45,7 +45,7 @@ from woosh_robot_agent.tools.dashboard.texts import value_data
 from woosh_robot_agent.tools.robot_view import RobotView, code_key
 
 _MAX_CODES = 50
-"""Maximum number of status codes in a list of the page."""
+"""Maximum number of status codes that hold now on the page."""
 _MAX_POINTS = 2000
 """Maximum number of points of a path, zone or lane on the page."""
 _MAX_MARKS = 2000
@@ -183,10 +183,7 @@ def codes_data(view: RobotView, times: Mapping[tuple[int, ...], int]) -> list[di
 
     `times` has their Unix times by this computer's clock, in milliseconds, by `code_key`.
     """
-    return [
-        {"time": times[code_key(code)], **code_data(code)}
-        for code in reversed(list(view.codes)[-_MAX_CODES:])
-    ]
+    return [{"time": times[code_key(code)], **code_data(code)} for code in reversed(view.codes)]
 
 
 def code_data(code: StatusCode) -> dict[str, Any]:

@@ -53,6 +53,8 @@ _HISTORY = 1800
 """Time for which samples are kept, in seconds."""
 _GAP = 10
 """Time between two samples beyond which the plots have a gap, in seconds."""
+_UPDATE_PERIOD = 0.1
+"""Minimum time between two updates of the viewers, in seconds."""
 _MAP_PERIOD = 1.0
 """Time between two checks whether the robot uses another map, in seconds."""
 _LISTEN_PERIOD = 0.1
@@ -85,7 +87,6 @@ class Robot:
         control: True if the robot may be commanded. Otherwise the client of the link refuses every
             request that could change or move something.
         scan_rate: rate at which scans are requested, in Hz.
-        update_period: minimum time between two updates of the viewers, in seconds.
 
     Attributes:
         view: state of the robot as received so far.
@@ -100,13 +101,7 @@ class Robot:
     """
 
     def __init__(
-        self,
-        config: LinkConfig,
-        shared: Parts,
-        *,
-        control: bool,
-        scan_rate: float,
-        update_period: float = 0.1,
+        self, config: LinkConfig, shared: Parts, *, control: bool, scan_rate: float
     ) -> None:
         self.chassis = ChassisClient(
             config=replace(config, backoff_max=MAX_BACKOFF), minimum_timeouts=minimum_timeouts()
@@ -122,7 +117,6 @@ class Robot:
         self.order: Callable[[], dict[str, Any] | None] = lambda: None
         self._shared = shared
         self._scan_rate = scan_rate
-        self._update_period = update_period
         self._failed = False
         """True if an unexpected error has ended the updates of the parts."""
         self._samples: list[list[Any]] = []
@@ -301,7 +295,7 @@ class Robot:
         loops = [
             asyncio.ensure_future(each)
             for each in (
-                self.parts.publish_changes(self._update_period),
+                self.parts.publish_changes(_UPDATE_PERIOD),
                 self.parts.publish_each_second(),
                 self._update_map_and_path(),
                 self._request_scans(),

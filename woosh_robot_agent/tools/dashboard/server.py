@@ -47,6 +47,8 @@ port scan would fill the log."""
 _SILENT.disabled = True
 _MAX_MESSAGE = 4096
 """Largest message that is read from a page, in bytes."""
+_MAX_VIEWERS = 20
+"""Maximum number of viewers, in addition to one for each robot, which controls it."""
 _MAX_COMMANDS = 8
 """Maximum number of commands of one viewer that wait for answers. What only ends or interrupts a
 motion is always allowed."""
@@ -77,7 +79,6 @@ class DashboardConfig:
         tokens: token of each role, used only if other machines can connect.
         control_config: limits and timeouts of the control.
         scan_rate: rate at which laser scans are requested while somebody watches, in Hz.
-        max_viewers: maximum number of viewers, in addition to one for each robot.
     """
 
     host: str = "127.0.0.1"
@@ -87,7 +88,6 @@ class DashboardConfig:
     tokens: dict[Role, str] = field(default_factory=new_tokens)
     control_config: ControlConfig = field(default_factory=ControlConfig)
     scan_rate: float = 10.0
-    max_viewers: int = 20
 
 
 class Dashboard:
@@ -124,7 +124,6 @@ class Dashboard:
             each: Control(each, config.control_config, lambda: self._shared.publish("fleet"))
             for each in self.robots
         }
-        self._max_viewers = config.max_viewers + len(robots)  # and one that controls each robot
         self._viewers: set[Viewer] = set()
         self._viewer_count = 0
         """Number of viewers accepted so far."""
@@ -354,7 +353,7 @@ class Dashboard:
         Returns:
             False if there is no room, because each viewer has the control of a robot.
         """
-        if len(self._viewers) < self._max_viewers:
+        if len(self._viewers) < _MAX_VIEWERS + len(self.robots):
             return True
         owners = {control.owner for control in self._controls.values()}
         idle = [viewer for viewer in self._viewers if viewer not in owners]

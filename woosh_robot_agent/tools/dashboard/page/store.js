@@ -267,7 +267,7 @@ export const alarms = computed(() => {
   return found;
 });
 /** Speed limits that ended with a restart of the dashboard, in m/s, by the address of the robot. */
-export const endedLimits = state(/** @type {ReadonlyMap<string, number>} */ (new Map()));
+const endedLimits = state(/** @type {ReadonlyMap<string, number>} */ (new Map()));
 /** Ended speed limit of the chosen robot, in m/s; undefined without one. */
 export const endedLimit = computed(() => endedLimits.value.get(address.value));
 /** Commands that wait for their answer, each as its `pendingKey`. */
