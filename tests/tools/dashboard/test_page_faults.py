@@ -33,9 +33,15 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
-from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_robot_agent.pb.util.task_pb2 import kActionWait, kCanceled
+from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, StepControl, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
+    CallAction,
+    Feedback,
+    Feedbacks,
+    kRosExecuting,
+    kRosSuccess,
+)
+from woosh_robot_agent.pb.util.task_pb2 import kActionWait
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import server
 from woosh_robot_agent.tools.dashboard.access import new_tokens
@@ -202,7 +208,7 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways_or_may_drive_on(
 
     asyncio.run(step())
     eventually(lambda: robot.state.velocity.left > 0.1, "the step")
-    for refused in (CallAction, Twist):
+    for refused in (CallAction, Twist, Feedbacks):
         robot.refuse(full_name(refused), "the program of the robot hangs")
     browser.script("""(connection.stop = () => Promise.resolve(
       {ok: false, text: {key: "reason.noAnswer", values: {}}}))""")
@@ -215,13 +221,21 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways_or_may_drive_on(
     assert robot.state.velocity.left > 0.1
     assert browser.script(both) == [1, True]
     set_speed(robot, 20.0)
-    robot.push(proc := TaskProc(robot_task_id=7, state=kActionWait))
+    robot.push(TaskProc(robot_task_id=7, state=kActionWait))
     eventually(lambda: robot.state.velocity.left == 0.0, "the end of the step")
     time.sleep(3.0)
     assert browser.script(both) == [1, True], "a task waits, and will drive on"
-    proc.state = kCanceled
-    robot.push(proc)
-    eventually(lambda: not browser.text("#alarm"), "the end of the task")
+    lift = Feedback(action=full_name(LiftControl), state=kRosExecuting)
+    robot.push(Feedbacks(fbs=[lift]))
+    action = "store.robot.value.actions.find(({name}) => name === 'LiftControl')?.state"
+    eventually(lambda: browser.script(action) == "executing", "the action")
+    robot.drop()
+    eventually(lambda: browser.script(action) == "unknown", "the new link, without the task")
+    time.sleep(3.0)
+    assert browser.script(both) == [1, True], "the lift may still move"
+    lift.state = kRosSuccess
+    robot.push(Feedbacks(fbs=[lift]))
+    eventually(lambda: not browser.text("#alarm"), "the end of the action")
 
 
 def test_a_page_whose_address_is_no_longer_valid_or_may_no_longer_stop_says_so(
