@@ -181,6 +181,22 @@ def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Pat
         window.driver.get("about:blank")
 
 
+def test_a_map_that_grows_faster_than_its_pictures_come_is_shown(
+    robot: SimulatedPage, window: Browser
+) -> None:
+    pytest.importorskip("scipy", reason="the simulated chassis makes maps with it")
+    delay = Delay()
+    window.open(f"http://127.0.0.1:{robot.enter(delayed(robot.url, delay))}/")
+    delay.back = 2.0  # the map grows each second
+    other = robot.enter(page(robot.url))
+    robot.run(other.give("workMode", mode="deploy"))
+    robot.run(other.give("buildMap", type="add", scene="hall", map="ground"))
+    grows = "mapCanvas.area !== null && !mapCanvas.area.map.name"
+    eventually(lambda: window.script(grows), "a picture of the growing map")
+    former = window.script("mapCanvas.area.map.number")
+    eventually(lambda: window.script("mapCanvas.area.map.number") > former, "a later one")
+
+
 def test_an_alarm_is_not_ended_by_what_was_seen_before_the_loss(
     robot: SimulatedPage, browser: Browser
 ) -> None:
