@@ -487,13 +487,16 @@ def test_two_presses_of_stop_without_a_connection_raise_no_alarm_once_it_is_conf
     assert browser.script("timeouts.map((end) => end()).length") == 2
     assert browser.script("most") == 0
     assert "stopped" in browser.text("#answer")
-    # just after a sleep of the device, in which one of its clocks may stand still
-    for clock in ("performance", "Date"):
+    # just after a sleep of the device, in which one of its clocks may stand still; a message may
+    # have waited since then
+    old = '{"part": "clock", "data": 0}'
+    for clock, waits in (("performance", "false"), ("Date", "false"), ("Date", "true")):
         browser.driver.execute_script(f"""
           store.answer.value = null;
           const now = {clock}.now;
           {clock}.now = () => now.call({clock}) + 60000;
           connection.socket.send = () => {{}}; // the old connection gets nothing
+          if ({waits}) connection.socket.onmessage({{ data: {old!r} }});
           document.querySelector("#stop").click();
         """)
         eventually(lambda: "stopped" in browser.text("#answer"), f"the stop by {clock}")

@@ -33,8 +33,8 @@ export class Connection {
     this.unsentStops = new Map();
     this.stopTimeout = 2500; // milliseconds
     this.problem = "link.connecting";
-    // time of the last message, or of the connection attempt, by two clocks: the first one may stand
-    // still while the device sleeps, and the second one may be set back
+    // when the connection was last heard of, by two clocks: the first one may stand still while the
+    // device sleeps, and the second one may be set back
     this.receivedAt = { monotonic: 0, wall: 0 };
     this.retry = 0; // timer of the next attempt
     this.socket = this.connect();
@@ -50,12 +50,16 @@ export class Connection {
     clearTimeout(this.retry);
     this.clock = 0;
     this.isReady = false;
-    this.receivedAt = { monotonic: performance.now(), wall: Date.now() };
+    this.heard();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    socket.onopen = () => {
+      if (this.socket === socket) this.heard();
+    };
     socket.onmessage = ({ data }) => {
+      if (this.socket === socket) this.checkSilence(); // the message may have waited during a sleep
       if (this.socket === socket) this.received(data);
     };
     socket.onclose = ({ code }) => {
@@ -66,9 +70,14 @@ export class Connection {
 
   /** @param {string | ArrayBuffer} data */
   received(data) {
-    this.receivedAt = { monotonic: performance.now(), wall: Date.now() };
+    this.heard();
     this.handle(data);
     if (this.problem) this.setProblem("");
+  }
+
+  /** Note that the connection is alive, or is being attempted. */
+  heard() {
+    this.receivedAt = { monotonic: performance.now(), wall: Date.now() };
   }
 
   /** @param {string | ArrayBuffer} data */
