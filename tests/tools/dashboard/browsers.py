@@ -144,9 +144,13 @@ class SimulatedPage(RobotThread):
         # on a busy machine, the page may be told the time late
         self.url = self.enter(dashboard_beside(simulator, port, SCAN_RATE, max_age=TIMEOUT))
 
+    def close_page(self) -> None:
+        """End the dashboard."""
+        self.end(self._contexts.aclose())
+
     def restart_page(self) -> None:
         """End the dashboard, and start another one at the same port."""
-        self.end(self._contexts.aclose())
+        self.close_page()
         self._open_page(urlsplit(self.url).port or 0)
 
 

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -572,17 +573,24 @@ def test_the_form_of_a_map_is_of_the_chosen_robot(serve: Serve, window: Browser)
     def fields() -> list[str]:
         return [str(window.script(f"document.querySelector({each!r}).value")) for each in _NAMES]
 
-    window.open(serve({}, {"robot_id": 30002, "scenes": (_REAL_SCENE,)}).url)
+    served = serve({}, {"robot_id": 30002, "scenes": (_REAL_SCENE,)})
+    window.open(served.url)
     window.show("map")
     window.press("#deploy")
     eventually(lambda: window.is_enabled("#scene"), "the form")
     for each in _NAMES:
         window.element(each).send_keys("x")
+    window.press("#add-map")
+    eventually(lambda: window.script("store.robot.value.state") == "mapping", "mapping")
+    served.robots[0].inject("delay", seconds=4.0, type=full_name(BuildMap))
+    window.press("#save-map")
     window.element("#robots option:nth-child(2)").click()
     window.press("#deploy")
     eventually(lambda: window.is_enabled("#scene"), "the form")
     assert fields() == [window.script("store.robot.value.scene"), ""]
     assert fields() != ["wooshmap", ""]
+    eventually(lambda: window.script("store.pending.value.size === 0"), "the end of the save")
+    assert window.text("#mapping [aria-current=step]").startswith("Name the map")
 
 
 def test_a_map_is_begun_only_if_the_robot_can_and_switched_by_no_double_press(
@@ -686,6 +694,17 @@ def test_faults_and_obstacles_of_the_simulator(robot: SimulatedPage, browser: Br
     eventually(lambda: browser.script("mapCanvas.picture().obstacles.length") == 1, "the obstacle")
     browser.script("globalThis.former = store.scan.value")
     eventually(lambda: browser.script("globalThis.former !== store.scan.value"), "the next scan")
+    # another dashboard at the address, which takes the robot for a real one
+    browser.show("simulator")
+    browser.press("#obstacle")
+    robot.close_page()
+    with robot.serving(port=urlsplit(robot.url).port):
+        eventually(lambda: not browser.elements("#tab-simulator"), "the end of the tab")
+        eventually(lambda: browser.elements("#marks button"), "the tab in its place")
+        assert browser.script("[store.tool.value, mapCanvas.picture().obstacles.length]") == [
+            "move",
+            0,
+        ]
 
 
 @pytest.mark.parametrize("start", [firefox, webkit])

@@ -58,7 +58,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard import stop_alarm
+from woosh_robot_agent.tools.dashboard import control, stop_alarm
 
 TWIST = full_name(Twist)
 
@@ -157,6 +157,7 @@ async def test_without_control_no_command_reaches_the_robot(chassis: SimulatorTh
         reads = {
             *("woosh.Subscription", "woosh.robot.RobotInfo", "woosh.robot.RobotState"),
             *("woosh.robot.ScannerData", "woosh.map.SceneData", "woosh.map.SceneList"),
+            "woosh.ros.Feedbacks",
         }
         assert set(chassis.counts) <= reads
         await viewer.drive(0.3)
@@ -431,6 +432,33 @@ async def test_an_alarm_is_not_ended_while_the_robot_moves_a_lift_or_may_drive_o
         await viewer.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
+@pytest.mark.parametrize("answer", ["executing", "refused", "not named"])
+async def test_an_alarm_is_not_ended_by_the_loss_of_the_link_while_an_action_goes_on(
+    chassis: SimulatorThread, answer: str
+) -> None:
+    """The first RobotInfo of a link does not have the actions, and robots push only changes."""
+    async with controlled(chassis) as viewer:
+        chassis.push(Feedbacks(fbs=[LIFTS]))
+        await viewer.until(lambda parts: parts["robot"]["actions"])
+        if answer == "executing":
+            chassis.call(lambda simulator: simulator.chassis.actions.last.update(lift=LIFTS))
+        elif answer == "refused":
+            chassis.refuse(full_name(Feedbacks), "Request failed")
+        for refused in (ActionOrder, CallAction, Follow):
+            chassis.refuse(full_name(refused), "Request failed")
+        await viewer.refused("stop")
+        await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
+        chassis.drop()
+        await viewer.until(lambda parts: parts["details"]["connects"] == 2)
+        if answer != "not named":
+            state = "executing" if answer == "executing" else "unknown"
+            await viewer.until(lambda parts: parts["robot"]["actions"][0]["state"] == state)
+            await viewer.passed(3.0)
+            assert viewer.parts["fleet"][0]["alarm"]
+            chassis.push(Feedbacks(fbs=[LIFTED]))
+        await viewer.until(lambda parts: not parts["fleet"][0]["alarm"])
+
+
 async def test_what_begins_after_a_stop_and_is_not_cancelled_raises_the_alarm(
     chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -447,16 +475,20 @@ async def test_what_begins_after_a_stop_and_is_not_cancelled_raises_the_alarm(
         assert "NOT STOPPED: cancel of task: Request failed" in say(alarm)
 
 
-@pytest.mark.parametrize("how", ["release", "watch"])
-async def test_a_press_does_not_take_the_control_again_that_was_given_back(
-    chassis: SimulatorThread, how: str
+@pytest.mark.parametrize("how", ["release", "watch", "idle"])
+async def test_a_press_does_not_take_the_control_again_that_has_ended(
+    chassis: SimulatorThread, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    if how == "idle":
+        monkeypatch.setattr(control, "_IDLE_TIMEOUT", 5.0)
     async with controlled(chassis) as viewer:
         await hold(viewer, lambda: is_driving(chassis))
         await viewer.drive(0.3)  # a slow machine may have begun another press and not sent it
         await viewer.until(lambda parts: parts["control"]["owner"])
-        await viewer.send(do=how, robot=0)
+        if how != "idle":
+            await viewer.send(do=how, robot=0)
         await viewer.until(lambda parts: parts["control"]["owner"] is None)
+        assert (how == "idle") == ("no command came for a minute" in "".join(viewer.refusals))
         await eventually(lambda: is_stopped_by_zero(chassis))
         sent = chassis.counts[TWIST]
         await viewer.drive(0.3)
@@ -553,15 +585,6 @@ async def test_an_invalid_velocity_ends_the_connection(chassis: SimulatorThread)
         assert chassis.counts[TWIST] == 0
 
 
-async def test_a_viewer_that_gives_no_command_for_long_loses_the_control(
-    chassis: SimulatorThread,
-) -> None:
-    async with controlled_by_two(chassis, idle_timeout=5.0) as (idle, other):
-        await idle.command("pause")
-        await other.until(lambda parts: parts["control"]["owner"] == idle.parts["hello"]["you"])
-        await other.until(lambda parts: parts["control"]["owner"] is None)
-
-
 async def test_too_many_commands_wait_for_each_other_but_what_ends_a_motion_does_not(
     chassis: SimulatorThread,
 ) -> None:
@@ -600,10 +623,14 @@ async def test_a_command_is_for_the_robot_that_was_watched_when_it_was_given(
 
 
 async def test_the_end_of_the_dashboard_stops_all_robots_at_once(
-    chassis: SimulatorThread, other: SimulatorThread, caplog: pytest.LogCaptureFixture
+    chassis: SimulatorThread,
+    other: SimulatorThread,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(control, "_CLOSE_TIMEOUT", TIMEOUT)
     async with (
-        dashboard(chassis, other, control=True, close_timeout=TIMEOUT) as running,
+        dashboard(chassis, other, control=True) as running,
         page(running) as first,
         page(running) as second,
     ):

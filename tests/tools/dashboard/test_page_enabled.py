@@ -149,6 +149,7 @@ def test_the_dock_shows_all_of_its_texts(robot: SimulatedPage, browser: Browser)
     keeps = "Pause keeps the task; STOP ends it"
     eventually(lambda: re.search(rf"\d m to go · {keeps}$", browser.text("#now")), "the way left")
     assert "cancel its task" in browser.element("#stop").get_attribute("title")
+    assert "set" in browser.element(".doing #cancel").get_attribute("title")
     check_whole(browser)
     browser.script("connection.command('speedLimit', {limit: 0.2})")
     eventually(lambda: "Speed limit: 0.2 m/s." in browser.text("#now"), "the speed limit")

@@ -33,9 +33,15 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
-from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_robot_agent.pb.util.task_pb2 import kActionWait, kCanceled
+from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, StepControl, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
+    CallAction,
+    Feedback,
+    Feedbacks,
+    kRosExecuting,
+    kRosSuccess,
+)
+from woosh_robot_agent.pb.util.task_pb2 import kActionWait
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import server
 from woosh_robot_agent.tools.dashboard.access import new_tokens
@@ -175,6 +181,22 @@ def test_a_large_map_comes_over_a_slow_connection(window: Browser, tmp_path: Pat
         window.driver.get("about:blank")
 
 
+def test_a_map_that_grows_faster_than_its_pictures_come_is_shown(
+    robot: SimulatedPage, window: Browser
+) -> None:
+    pytest.importorskip("scipy", reason="the simulated chassis makes maps with it")
+    delay = Delay()
+    window.open(f"http://127.0.0.1:{robot.enter(delayed(robot.url, delay))}/")
+    delay.back = 2.0  # the map grows each second
+    other = robot.enter(page(robot.url))
+    robot.run(other.give("workMode", mode="deploy"))
+    robot.run(other.give("buildMap", type="add", scene="hall", map="ground"))
+    grows = "mapCanvas.area !== null && !mapCanvas.area.map.name"
+    eventually(lambda: window.script(grows), "a picture of the growing map")
+    former = window.script("mapCanvas.area.map.number")
+    eventually(lambda: window.script("mapCanvas.area.map.number") > former, "a later one")
+
+
 def test_an_alarm_is_not_ended_by_what_was_seen_before_the_loss(
     robot: SimulatedPage, browser: Browser
 ) -> None:
@@ -202,7 +224,7 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways_or_may_drive_on(
 
     asyncio.run(step())
     eventually(lambda: robot.state.velocity.left > 0.1, "the step")
-    for refused in (CallAction, Twist):
+    for refused in (CallAction, Twist, Feedbacks):
         robot.refuse(full_name(refused), "the program of the robot hangs")
     browser.script("""(connection.stop = () => Promise.resolve(
       {ok: false, text: {key: "reason.noAnswer", values: {}}}))""")
@@ -215,13 +237,21 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways_or_may_drive_on(
     assert robot.state.velocity.left > 0.1
     assert browser.script(both) == [1, True]
     set_speed(robot, 20.0)
-    robot.push(proc := TaskProc(robot_task_id=7, state=kActionWait))
+    robot.push(TaskProc(robot_task_id=7, state=kActionWait))
     eventually(lambda: robot.state.velocity.left == 0.0, "the end of the step")
     time.sleep(3.0)
     assert browser.script(both) == [1, True], "a task waits, and will drive on"
-    proc.state = kCanceled
-    robot.push(proc)
-    eventually(lambda: not browser.text("#alarm"), "the end of the task")
+    lift = Feedback(action=full_name(LiftControl), state=kRosExecuting)
+    robot.push(Feedbacks(fbs=[lift]))
+    action = "store.robot.value.actions.find(({name}) => name === 'LiftControl')?.state"
+    eventually(lambda: browser.script(action) == "executing", "the action")
+    robot.drop()
+    eventually(lambda: browser.script(action) == "unknown", "the new link, without the task")
+    time.sleep(3.0)
+    assert browser.script(both) == [1, True], "the lift may still move"
+    lift.state = kRosSuccess
+    robot.push(Feedbacks(fbs=[lift]))
+    eventually(lambda: not browser.text("#alarm"), "the end of the action")
 
 
 def test_a_page_whose_address_is_no_longer_valid_or_may_no_longer_stop_says_so(
@@ -392,25 +422,30 @@ def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_sam
     assert (plain_robot.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)
 
 
+@pytest.mark.parametrize("stops", [[1, 0], [1, 1]])
 def test_a_stop_without_a_connection_is_for_the_robot_that_was_shown(
-    serve: Serve, window: Browser
+    serve: Serve, window: Browser, stops: list[int]
 ) -> None:
     served = serve({"robot_id": 7}, {"robot_id": 8})
     window.open(served.url)
     window.script(_DISCONNECT)
     eventually(lambda: window.script("store.problem.value"), "the loss")
-    window.driver.execute_script("""
-      connection.stopTimeout = 60_000; // on a busy machine, connecting may take long
-      document.querySelector("#stop").click();
-      const list = document.querySelector("#robots");
-      list.selectedIndex = 1;
-      list.dispatchEvent(new Event("change"));
-      delete connection.connect;
-      connection.connect();
-    """)
-    eventually(lambda: "stopped" in window.text("#answer"), "the stop")
-    stops = [each.counts[full_name(Twist)] for each in served.robots]
-    assert stops == [1, 0]
+    window.driver.execute_script(
+        """
+          connection.stopTimeout = 60_000; // on a busy machine, connecting may take long
+          const [stop, list] = ["#stop", "#robots"].map((id) => document.querySelector(id));
+          stop.click();
+          list.selectedIndex = 1;
+          list.dispatchEvent(new Event("change"));
+          if (arguments[0]) stop.click(); // for the other robot, too
+          delete connection.connect;
+          connection.connect();
+        """,
+        stops[1],
+    )
+    eventually(lambda: window.script("connection.replies.size === 0"), "the answers")
+    assert "stopped" in window.text("#answer")
+    assert [each.counts[full_name(Twist)] for each in served.robots] == stops
     eventually(lambda: window.script("store.robot.value?.id") == 8, "the other robot")
     assert window.script("store.alarms.value.size") == 0
 
@@ -452,14 +487,19 @@ def test_two_presses_of_stop_without_a_connection_raise_no_alarm_once_it_is_conf
     assert browser.script("timeouts.map((end) => end()).length") == 2
     assert browser.script("most") == 0
     assert "stopped" in browser.text("#answer")
-    # just after a sleep of the device, the old connection is not used
-    browser.driver.execute_script("""
-      store.answer.value = null;
-      connection.receivedAt -= 60000;
-      connection.socket.send = () => {};
-      document.querySelector("#stop").click();
-    """)
-    eventually(lambda: "stopped" in browser.text("#answer"), "the stop")
+    # just after a sleep of the device, in which one of its clocks may stand still; a message may
+    # have waited since then
+    old = '{"part": "clock", "data": 0}'
+    for clock, waits in (("performance", "false"), ("Date", "false"), ("Date", "true")):
+        browser.driver.execute_script(f"""
+          store.answer.value = null;
+          const now = {clock}.now;
+          {clock}.now = () => now.call({clock}) + 60000;
+          connection.socket.send = () => {{}}; // the old connection gets nothing
+          if ({waits}) connection.socket.onmessage({{ data: {old!r} }});
+          document.querySelector("#stop").click();
+        """)
+        eventually(lambda: "stopped" in browser.text("#answer"), f"the stop by {clock}")
 
 
 def test_a_page_of_an_older_dashboard_asks_to_be_reloaded(

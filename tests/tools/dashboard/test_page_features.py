@@ -182,11 +182,14 @@ async def test_all_robots_of_a_scene_are_on_the_map_and_have_a_card(
         await viewer.until(lambda parts: parts["fleet"][1]["objection"]["name"] == name)
         other.stop_listening()
         await viewer.until(lambda parts: parts["fleet"][1]["link"] == "lost")
+        await viewer.until(lambda parts: [each["index"] for each in parts["places"]] == [0])
         # a frozen robot is noticed though nobody watches it
         other.listen()
         await viewer.until(lambda parts: parts["fleet"][1]["link"] == "connected")
+        await viewer.until(lambda parts: len(parts["places"]) == 2)
         other.inject("freeze")
         await viewer.until(lambda parts: parts["fleet"][1]["silence"] > 0)
+        await viewer.until(lambda parts: len(parts["places"]) == 1)
 
 
 async def test_a_card_that_cannot_be_made_is_logged_and_not_shown_as_live(

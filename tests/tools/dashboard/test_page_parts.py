@@ -31,6 +31,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     BuildMap,
+    BuildMapData,
     ExecTask,
     InitRobot,
     Twist,
@@ -41,9 +42,12 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     RobotInfo,
     RobotState,
     ScannerData,
+    Scene,
 )
+from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard import server
+from woosh_robot_agent.tools.dashboard import map_source, server
+from woosh_robot_agent.tools.dashboard.map_source import MapSource
 from woosh_robot_agent.tools.dashboard.part_data import (
     lanes_data,
     points_data,
@@ -62,6 +66,31 @@ async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThre
         await viewer.give("switchMap", scene="wooshmap", map="wooshmap")
         await viewer.until(lambda parts: parts["map"]["marks"] and not parts["map"]["error"])
         assert viewer.parts["map"]["name"] == "wooshmap"
+
+
+async def test_a_map_that_cannot_be_had_is_requested_after_ever_longer_pauses(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may cost the link each time, or take so long that other answers are late."""
+    name, clock = full_name(SceneData), asyncio.get_running_loop().time
+    chassis.refuse(name, "the scene is damaged")
+    async with ChassisClient(config=LinkConfig("127.0.0.1", chassis.port)) as client:
+
+        async def wait_requested(source: MapSource, version: int, count: int) -> None:
+            def is_requested() -> bool:
+                source.update(Scene(scene_name="hall", version=version), False)
+                return chassis.counts[name] >= count
+
+            await eventually(is_requested)
+
+        monkeypatch.setattr(map_source, "_RETRY_DELAY", 3600.0)
+        source = MapSource(client, lambda: None)
+        await wait_requested(source, 1, 1)
+        await wait_requested(source, 2, 2)  # another map may be smaller
+        monkeypatch.setattr(map_source, "_RETRY_DELAY", 0.05)
+        source, begin = MapSource(client, lambda: None), clock()
+        await wait_requested(source, 2, 8)
+        assert clock() - begin > 0.8 * 0.05 * (1 + 2 + 4 + 8 + 16)
 
 
 async def test_a_map_grows_while_it_is_made_and_ends_with_its_discard(
@@ -83,6 +112,11 @@ async def test_a_map_grows_while_it_is_made_and_ends_with_its_discard(
         assert status == 200
         with Image.open(io.BytesIO(body)) as image:
             assert image.format == "PNG"
+        await viewer.send(do="visible", visible=False)
+        ended = Subscription(topics=[full_name(BuildMapData)], sub=False)
+        await eventually(lambda: chassis.last("woosh.Subscription") == ended)
+        await viewer.send(do="visible", visible=True)
+        await viewer.until(lambda parts: parts["map"]["number"] > area["number"])
         await viewer.give("discardMap")
         await viewer.until(lambda parts: parts["robot"]["state"] != "mapping")
         await viewer.until(lambda parts: parts["map"]["marks"])  # that of the scene again

@@ -14,6 +14,7 @@ from websockets.frames import Frame, Opcode
 from tests.asynchronous import TIMEOUT, eventually
 from tests.tools.dashboard.pages import dashboard, fetch, page, place
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.tools.dashboard import server
 from woosh_robot_agent.tools.dashboard.access import Role
 from woosh_robot_agent.tools.dashboard.server import Dashboard
 
@@ -197,9 +198,10 @@ async def test_a_viewer_for_which_too_much_waits_is_disconnected(chassis: Simula
 
 
 async def test_a_new_viewer_takes_the_place_of_one_that_does_not_drive(
-    chassis: SimulatorThread,
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with dashboard(chassis, max_viewers=2, control=True) as running:
+    monkeypatch.setattr(server, "_MAX_VIEWERS", 2)
+    async with dashboard(chassis, control=True) as running:
         async with page(running) as driver, page(running) as first, page(running) as hidden:
             for each in driver, first, hidden:
                 await each.until(lambda parts: parts["robot"]["known"])
@@ -216,11 +218,11 @@ async def test_a_new_viewer_takes_the_place_of_one_that_does_not_drive(
         await eventually(lambda: not running.robots[0].parts.watched)
 
 
-async def test_no_place_is_left_if_all_viewers_have_control(chassis: SimulatorThread) -> None:
-    async with (
-        dashboard(chassis, max_viewers=0, control=True) as running,
-        page(running) as driver,
-    ):
+async def test_no_place_is_left_if_all_viewers_have_control(
+    chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "_MAX_VIEWERS", 0)
+    async with dashboard(chassis, control=True) as running, page(running) as driver:
         await driver.until(lambda parts: parts["robot"]["known"])
         await driver.give("goMark", mark="A2")
         async with page(running) as other:

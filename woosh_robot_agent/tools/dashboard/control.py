@@ -60,12 +60,17 @@ UNANSWERED = Text("reason.unanswered")
 """Reason for a velocity that is not sent, because the answer to an earlier one is overdue."""
 _STOPPED_MEANWHILE = Text("reason.stoppedMeanwhile")
 _OTHER_MODE = Text("reason.otherMode")
+_IDLE = Text("reason.idle")
 _VELOCITY_REFUSED = Sentence("the robot refused the velocity")
 _BECAUSE = Sentence("{text} ({reason})")
 _MAX_COUNT = 1e15
 """Maximum number of a press, and maximum time in milliseconds, in a message of the page."""
 _STOP_TIMEOUT = 2.0
 """Timeout of each answer to a stop, in seconds."""
+_CLOSE_TIMEOUT = 0.5
+"""Timeout of the answer to the last zero velocity, in seconds."""
+_IDLE_TIMEOUT = 60.0
+"""Time without a command after which a viewer loses the control, in seconds."""
 _LOWEST_LIMIT = 0.05
 """Lowest speed limit that a viewer can set, in m/s."""
 _HIGHEST_LIMIT = 3.0
@@ -85,8 +90,6 @@ class ControlConfig:
         max_angular: maximum turning speed of the stick, in rad/s.
         stick_timeout: time without a velocity from the page after which the robot is stopped, in
             seconds.
-        idle_timeout: time without a command after which a viewer loses the control, in seconds.
-        close_timeout: timeout of the answer to the last zero velocity, in seconds.
         max_age: maximum age of a command or velocity, in seconds. The dashboard sends its time to
             the page, and the page returns the last time that it had when the viewer gave the
             command. The age counts from that time.
@@ -95,8 +98,6 @@ class ControlConfig:
     max_linear: float = 0.5
     max_angular: float = 0.8
     stick_timeout: float = 0.5
-    idle_timeout: float = 60.0
-    close_timeout: float = 0.5
     max_age: float = 0.5
 
 
@@ -114,8 +115,8 @@ class Control:
        may start a motion is sent. The same holds if that time is before the last stop, because
        the viewer did not know of the stop, or before the end of a stall of this process.
     6. Each press of the stick has a number. A stop, a refused velocity, a velocity that the robot
-       does not answer, another control mode, a robot that sends nothing or a gap between the
-       velocities ends the press. Only another press drives again.
+       does not answer, another control mode, a robot that sends nothing, the loss of the control or
+       a gap between the velocities ends the press. Only another press drives again.
     7. A robot that hangs may execute a command later. While it sends nothing, it gets no command
        that may start a motion.
     8. The page sends a place with the map that it shows. The place is sent to the robot only if the
@@ -204,7 +205,7 @@ class Control:
         if self._stick_task is not None:
             self._stick_task.cancel()
         try:
-            await self._gate.close(self._config.close_timeout)
+            await self._gate.close(_CLOSE_TIMEOUT)
         except LinkError as error:
             return str(error)
         return ""
@@ -292,9 +293,11 @@ class Control:
         self._robot.parts.changed()
 
     def _release_idle(self) -> None:
-        """Take the control from a viewer that has not used it for `idle_timeout`."""
+        """Take the control from a viewer that has not used it for `_IDLE_TIMEOUT`."""
         now = asyncio.get_running_loop().time()
-        if self.owner and now > self._used_at + self._config.idle_timeout:
+        if self.owner and now > self._used_at + _IDLE_TIMEOUT:
+            if self.owner.ended_press < self._press:  # the viewer may still hold the stick
+                self._end_press(_IDLE)
             self._end_control()
 
     def _claim(self, viewer: Viewer) -> Text | None:

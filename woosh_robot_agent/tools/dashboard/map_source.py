@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from woosh_robot_agent.link import Body, ChassisClient, FrameError, LinkError, LinkState
+from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene
@@ -25,7 +26,10 @@ from woosh_robot_agent.tools.dashboard.texts import value_data
 
 _NO_KEEPOUT = Sentence("the keep-out areas are not shown: {reason}")
 _RETRY_DELAY = 5.0
-"""Delay before a failed request is retried, in seconds."""
+"""Delay before a failed request is retried, in seconds. It doubles each time: a map may be too
+large for the link, or exceed `max_frame_size`, which costs the link."""
+_MAX_RETRY_DELAY = 300.0
+"""Longest such delay, in seconds."""
 _LIST_PERIOD = 20.0
 """Time between two requests for the list of scenes, in seconds."""
 
@@ -56,7 +60,7 @@ class MapPicture:
 class MapSource:
     """Requests the map that the robot uses, and receives the map that the robot is making.
 
-    Call `update` repeatedly while somebody watches.
+    Call `update` repeatedly while somebody watches, then `end_subscription`.
 
     Args:
         on_change: called when the picture, the error or the list of scenes has changed.
@@ -81,8 +85,12 @@ class MapSource:
         """
         self._picture_task: asyncio.Task[None] | None = None
         """Request of a map, or conversion of the picture of a map that the robot is making."""
+        self._wanted: object = None
+        """The map that was wanted last, as in `_shown`; None while the robot makes a map."""
+        self._retry = Backoff(_RETRY_DELAY, _MAX_RETRY_DELAY)
+        """Delays after failed requests for `_wanted`."""
         self._not_before = -math.inf
-        """Loop time before which a map is not requested again."""
+        """Loop time before which `_wanted` is not requested again."""
         self._unsubscribe: Callable[[], None] | None = None
         """Ends the subscription to the map that the robot is making."""
         self._scenes: list[SceneList.Scene] = []
@@ -111,7 +119,7 @@ class MapSource:
             if task is not None:
                 task.cancel()
         self._picture_task = self._scenes_task = None
-        self._end_subscription()
+        self.end_subscription()
 
     def update(self, scene: Scene, mapping: bool) -> None:
         """Request the map and the list of scenes if they are due.
@@ -123,21 +131,21 @@ class MapSource:
             return
         self._update_scenes()
         if mapping:
-            self._shown = None
+            self._shown = self._wanted = None
             if self._unsubscribe is None:
                 self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._map_grown)
             return
-        self._end_subscription()
+        self.end_subscription()
         wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
-        loop = asyncio.get_running_loop()
+        if wanted != self._wanted:
+            self._wanted, self._not_before = wanted, -math.inf
+            self._retry.reset()
         if not scene.scene_name or wanted == self._shown:
             self._set_error("")  # an error may be left from another map
             return
         is_busy = self._picture_task is not None and not self._picture_task.done()
-        if is_busy or loop.time() < self._not_before:
-            return
-        self._not_before = loop.time() + _RETRY_DELAY
-        self._start_picture_task(self._request_map(wanted))
+        if not is_busy and asyncio.get_running_loop().time() >= self._not_before:
+            self._start_picture_task(self._request_map(wanted))
 
     def _update_scenes(self) -> None:
         loop = asyncio.get_running_loop()
@@ -175,9 +183,10 @@ class MapSource:
             self._set_picture(await _picture(png, keepout, area.resolution, origin, content))
         except (LinkError, MapError) as error:
             self._set_error(said_by(error))
+            if wanted == self._wanted:
+                self._not_before = asyncio.get_running_loop().time() + self._retry.next()
             return
         self._shown = wanted
-        self._not_before = -math.inf  # the next change of the map is shown at once
         self._scenes_due = -math.inf  # this change of the map may have changed the list of scenes
 
     def _map_grown(self, body: Body) -> None:
@@ -192,7 +201,8 @@ class MapSource:
         except (FrameError, MapError):  # the next report comes within a second
             return
 
-    def _end_subscription(self) -> None:
+    def end_subscription(self) -> None:
+        """Receive the map that the robot is making no more, until the next call of `update`."""
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None

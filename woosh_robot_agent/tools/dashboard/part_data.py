@@ -45,7 +45,7 @@ from woosh_robot_agent.tools.dashboard.texts import value_data
 from woosh_robot_agent.tools.robot_view import RobotView, code_key
 
 _MAX_CODES = 50
-"""Maximum number of status codes in a list of the page."""
+"""Maximum number of status codes that hold now on the page."""
 _MAX_POINTS = 2000
 """Maximum number of points of a path, zone or lane on the page."""
 _MAX_MARKS = 2000
@@ -82,8 +82,11 @@ def pose_data(info: RobotInfo) -> dict[str, Any] | None:
     }
 
 
-def robot_data(view: RobotView) -> dict[str, Any]:
-    """Return the state of a robot, except its pose and its earlier status codes."""
+def robot_data(view: RobotView, lost_actions: Iterable[str]) -> dict[str, Any]:
+    """Return the state of a robot, except its pose and its earlier status codes.
+
+    `lost_actions` has the names of further actions, whose state is unknown.
+    """
     info = view.info
     return {
         "known": view.has_robot_info,
@@ -100,7 +103,10 @@ def robot_data(view: RobotView) -> dict[str, Any]:
         "objections": [each._asdict() for each in all_objections(info)],
         "battery": _battery(info),
         "task": _task(view),
-        "actions": [_action(view, name) for name in sorted(view.actions)],
+        "actions": [
+            *(_action(view, name) for name in sorted(view.actions)),
+            *({"name": name, "state": "unknown", "text": ""} for name in sorted(lost_actions)),
+        ],
         "problems": [code_data(each) for each in info.abnormal_codes.scs[:_MAX_CODES]],
         "sound": _sound(info),
         "light": info.HasField("hardware_state"),  # such a robot is taken to have a light
@@ -177,10 +183,7 @@ def codes_data(view: RobotView, times: Mapping[tuple[int, ...], int]) -> list[di
 
     `times` has their Unix times by this computer's clock, in milliseconds, by `code_key`.
     """
-    return [
-        {"time": times[code_key(code)], **code_data(code)}
-        for code in reversed(list(view.codes)[-_MAX_CODES:])
-    ]
+    return [{"time": times[code_key(code)], **code_data(code)} for code in reversed(view.codes)]
 
 
 def code_data(code: StatusCode) -> dict[str, Any]:

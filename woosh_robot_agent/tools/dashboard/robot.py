@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from google.protobuf.message import Message
 from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import minimum_timeouts
 from woosh_robot_agent.link import (
+    Answer,
     ChassisClient,
     LinkConfig,
     LinkError,
@@ -22,8 +24,10 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion.requests import only_reads
+from woosh_robot_agent.motion.wheel_owner import ACTIONS, EXECUTING
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData, Scene
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED, is_charging, objections
 from woosh_robot_agent.sentences import Said, Sentence, said_by
@@ -49,6 +53,8 @@ _HISTORY = 1800
 """Time for which samples are kept, in seconds."""
 _GAP = 10
 """Time between two samples beyond which the plots have a gap, in seconds."""
+_UPDATE_PERIOD = 0.1
+"""Minimum time between two updates of the viewers, in seconds."""
 _MAP_PERIOD = 1.0
 """Time between two checks whether the robot uses another map, in seconds."""
 _LISTEN_PERIOD = 0.1
@@ -81,12 +87,13 @@ class Robot:
         control: True if the robot may be commanded. Otherwise the client of the link refuses every
             request that could change or move something.
         scan_rate: rate at which scans are requested, in Hz.
-        update_period: minimum time between two updates of the viewers, in seconds.
 
     Attributes:
         view: state of the robot as received so far.
         requests: creates requests, with the robot's id if an id is configured.
         parts: the parts about this robot, which its viewers watch.
+        lost_actions: names of the actions that were executing when the link was lost, and that the
+            robot has not reported since.
         silence: time for which the robot has been connected but has sent nothing, in whole seconds;
             0 while no viewer watches any robot.
         order: returns the order that a fleet manager has given the robot; None without one. The
@@ -94,13 +101,7 @@ class Robot:
     """
 
     def __init__(
-        self,
-        config: LinkConfig,
-        shared: Parts,
-        *,
-        control: bool,
-        scan_rate: float,
-        update_period: float = 0.1,
+        self, config: LinkConfig, shared: Parts, *, control: bool, scan_rate: float
     ) -> None:
         self.chassis = ChassisClient(
             config=replace(config, backoff_max=MAX_BACKOFF), minimum_timeouts=minimum_timeouts()
@@ -111,11 +112,11 @@ class Robot:
         self.requests = RequestMaker(config.robot_id)
         self.parts = Parts()
         self.map = MapSource(self.chassis, self.parts.changed)
+        self.lost_actions: set[str] = set()
         self.silence = 0
         self.order: Callable[[], dict[str, Any] | None] = lambda: None
         self._shared = shared
         self._scan_rate = scan_rate
-        self._update_period = update_period
         self._failed = False
         """True if an unexpected error has ended the updates of the parts."""
         self._samples: list[list[Any]] = []
@@ -128,7 +129,7 @@ class Robot:
         """Value of `_link_and_map` when the last path was received; empty before."""
         for name, source in (
             ("pose", lambda: part_data.pose_data(self.view.info)),
-            ("robot", lambda: part_data.robot_data(self.view)),
+            ("robot", lambda: part_data.robot_data(self.view, self.lost_actions)),
             ("outline", lambda: part_data.outline_data(self.view.info)),
             ("path", lambda: part_data.path_data(self.view) if self._is_path_valid else []),
             ("codes", lambda: part_data.codes_data(self.view, self._code_times)),
@@ -143,7 +144,9 @@ class Robot:
         ):
             self.parts.add(name, periodic, on_change=False, each_second=True)
         self._running: asyncio.Task[None] | None = None
-        self.chassis.on_state(lambda state: self.parts.changed())
+        self._asking_actions: asyncio.Task[None] | None = None
+        """Task of `_ask_actions`; kept, because the event loop has only a weak reference."""
+        self.chassis.on_state(self._link_changed)
         subscribe_all(self.chassis, self._received)
 
     def start(self) -> None:
@@ -165,11 +168,25 @@ class Robot:
         self.parts.publish("link")
 
     @property
+    def executing(self) -> set[str]:
+        """Names of the actions that the robot executes, as it has reported."""
+        return {
+            name
+            for name, each in self.view.actions.items()
+            if each.action in ACTIONS and each.state in EXECUTING
+        }
+
+    @property
     def no_data(self) -> Text | None:
         """Reason why what is known of the robot is out of date; None if it is up to date."""
         if self._failed:
             return Text("link.failed")
         return Text("reason.noData", seconds=self.silence) if self.silence else None
+
+    @property
+    def is_live(self) -> bool:
+        """True if there is a link, and what is known of the robot is up to date."""
+        return self.chassis.state is LinkState.READY and self.no_data is None
 
     @property
     def link_state(self) -> str:
@@ -231,8 +248,30 @@ class Robot:
         length = sum(map(math.dist, points, points[1:]))
         return {"path": points, "length": round(length, 2)}
 
+    def _link_changed(self, state: LinkState) -> None:
+        self.parts.changed()
+        if state is LinkState.READY:  # requests are possible
+            self._asking_actions = asyncio.get_running_loop().create_task(self._ask_actions())
+
+    async def _ask_actions(self) -> None:
+        """Ask which actions go on: the first RobotInfo does not tell, and robots push changes only.
+
+        Without an answer, `lost_actions` stays as it is.
+        """
+
+        def take_answer(answer: Answer) -> None:
+            if answer.ok and isinstance(answer.body, Feedbacks):
+                self.lost_actions.clear()
+                self._received(answer.body)
+
+        with contextlib.suppress(LinkError):
+            await self.chassis.request(self.requests.empty(Feedbacks), tap=take_answer)
+
     def _received(self, message: Message) -> None:
+        executing = self.executing
         self.view.update(message)
+        # the RobotInfo of a new link removes all actions from the view
+        self.lost_actions = (self.lost_actions | executing) - self.view.actions.keys()
         if isinstance(message, NavPath):
             self._path_link_and_map = self._link_and_map
         self._note_code_times()
@@ -256,7 +295,7 @@ class Robot:
         loops = [
             asyncio.ensure_future(each)
             for each in (
-                self.parts.publish_changes(self._update_period),
+                self.parts.publish_changes(_UPDATE_PERIOD),
                 self.parts.publish_each_second(),
                 self._update_map_and_path(),
                 self._request_scans(),
@@ -308,6 +347,8 @@ class Robot:
         """Keep the map up to date, and request the path that the robot follows if it is unknown."""
         asking: asyncio.Task[None] | None = None
         while True:
+            if not self._shared.watched:
+                self.map.end_subscription()
             # also for a robot that nobody watches: it may have no link when somebody does
             await self._shared.wait_watched()
             self.map.update(*self._map_use)
@@ -386,7 +427,7 @@ class Robot:
         # the text of an `OtherRobotError` has the remedy
         needs_advice = not ready and not isinstance(error, OtherRobotError)
         return {
-            "good": ready and self.no_data is None,
+            "good": self.is_live,
             "state": self.link_state,
             "since": int(chassis.since * 1000),
             "silence": self.silence if ready else 0,

@@ -47,6 +47,8 @@ port scan would fill the log."""
 _SILENT.disabled = True
 _MAX_MESSAGE = 4096
 """Largest message that is read from a page, in bytes."""
+_MAX_VIEWERS = 20
+"""Maximum number of viewers, in addition to one for each robot, which controls it."""
 _MAX_COMMANDS = 8
 """Maximum number of commands of one viewer that wait for answers. What only ends or interrupts a
 motion is always allowed."""
@@ -77,7 +79,6 @@ class DashboardConfig:
         tokens: token of each role, used only if other machines can connect.
         control_config: limits and timeouts of the control.
         scan_rate: rate at which laser scans are requested while somebody watches, in Hz.
-        max_viewers: maximum number of viewers, in addition to one for each robot.
     """
 
     host: str = "127.0.0.1"
@@ -87,7 +88,6 @@ class DashboardConfig:
     tokens: dict[Role, str] = field(default_factory=new_tokens)
     control_config: ControlConfig = field(default_factory=ControlConfig)
     scan_rate: float = 10.0
-    max_viewers: int = 20
 
 
 class Dashboard:
@@ -115,7 +115,7 @@ class Dashboard:
         self._files = _page_files()
         self._shared = Parts()
         self._shared.add("fleet", self._fleet_data, on_change=False, each_second=True)
-        self._shared.add("places", self._places_data)
+        self._shared.add("places", self._places_data, each_second=True)  # links may be lost
         self.robots = [
             Robot(each, self._shared, control=config.control, scan_rate=config.scan_rate)
             for each in robots
@@ -124,7 +124,6 @@ class Dashboard:
             each: Control(each, config.control_config, lambda: self._shared.publish("fleet"))
             for each in self.robots
         }
-        self._max_viewers = config.max_viewers + len(robots)  # and one that controls each robot
         self._viewers: set[Viewer] = set()
         self._viewer_count = 0
         """Number of viewers accepted so far."""
@@ -242,7 +241,11 @@ class Dashboard:
     def _places_data(self) -> list[dict[str, Any]]:
         if len(self.robots) == 1:
             return []
-        places = (part_data.place_data(each.view.info, n) for n, each in enumerate(self.robots))
+        places = (
+            part_data.place_data(each.view.info, index)
+            for index, each in enumerate(self.robots)
+            if each.is_live
+        )
         return [each for each in places if each is not None]
 
     # HTTP
@@ -350,7 +353,7 @@ class Dashboard:
         Returns:
             False if there is no room, because each viewer has the control of a robot.
         """
-        if len(self._viewers) < self._max_viewers:
+        if len(self._viewers) < _MAX_VIEWERS + len(self.robots):
             return True
         owners = {control.owner for control in self._controls.values()}
         idle = [viewer for viewer in self._viewers if viewer not in owners]

@@ -7,9 +7,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion.gate import StopReport
-from woosh_robot_agent.motion.wheel_owner import ACTIONS, EXECUTING, may_drive
+from woosh_robot_agent.motion.wheel_owner import may_drive
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.util.robot_pb2 import kFollowing
 from woosh_robot_agent.tools.dashboard import part_data
@@ -26,7 +25,8 @@ class StopAlarm:
     """Remembers that a stop was not confirmed, until a later stop is, or the robot stands still.
 
     A robot does not stand still while it executes an action, e.g. moves a lift, or a task that may
-    drive on by itself, or follows somebody.
+    drive on by itself, or follows somebody. An action that was executing when the link was lost
+    counts as executing until the robot tells otherwise.
 
     `on_answered` is called after each answer to a stop.
     """
@@ -65,6 +65,8 @@ class StopAlarm:
         if given >= self._given:
             self._given = given
             self._reason = "" if report.success else report.message
+            if report.success:  # no action goes on
+                self._robot.lost_actions.clear()
             self._restart_standstill()
         self._on_answered()
 
@@ -79,7 +81,7 @@ class StopAlarm:
         if not self._reason:
             return
         chassis, now = self._robot.chassis, asyncio.get_running_loop().time()
-        if self._may_move() or self._robot.no_data or chassis.state is not LinkState.READY:
+        if self._may_move() or not self._robot.is_live:
             self._restart_standstill()
         elif now - self._maybe_moving_at > _STANDSTILL and chassis.stats.rx > self._received:
             self._reason = ""
@@ -92,9 +94,7 @@ class StopAlarm:
         view, former = self._robot.view, self._pose
         if may_drive(view.info.task_proc) or view.info.state == kFollowing:
             return True
-        if any(
-            each.action in ACTIONS and each.state in EXECUTING for each in view.actions.values()
-        ):
+        if self._robot.executing or self._robot.lost_actions:
             return True
         pose = part_data.pose_data(view.info)
         if pose is None or former is None or pose["linear"] or pose["angular"]:

@@ -8,7 +8,8 @@ import * as store from "./store.js";
 const DOUBLE_CLICK = 500; // milliseconds within which a repeated command is not sent
 const REPLAN = 0.5; // metres that the robot may move before a path to the target is planned anew
 const STANDSTILL = 1000; // milliseconds for which a robot must stand still to end its alarm
-const EXECUTING = ["executing", "err msg", "pause failed"]; // states of an action that goes on
+/** States of an action that goes on, or may do so. */
+const EXECUTING = ["executing", "err msg", "pause failed", "unknown"];
 const SAME_PLACE = 0.01; // metres between two poses of a robot that stands still
 
 export const connection = new Connection(received, receivedScan, (problem) => {

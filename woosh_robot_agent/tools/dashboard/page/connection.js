@@ -29,10 +29,13 @@ export class Connection {
     /** @type {Map<string, string>} the pieces of a large part that have come, by the name of the part */
     this.pieces = new Map();
     this.isReady = false; // true once the dashboard knows which robot the page shows
-    this.unsentStop = { id: 0, robot: "" }; // stop that waits for the connection; id 0 without one
+    /** @type {Map<string, number>} ids of the stops that wait for the connection, by the robot's address */
+    this.unsentStops = new Map();
     this.stopTimeout = 2500; // milliseconds
     this.problem = "link.connecting";
-    this.receivedAt = 0; // time of the last message, or of the connection attempt
+    // when the connection was last heard of, by two clocks: the first one may stand still while the
+    // device sleeps, and the second one may be set back
+    this.receivedAt = { monotonic: 0, wall: 0 };
     this.retry = 0; // timer of the next attempt
     this.socket = this.connect();
     document.addEventListener("visibilitychange", () => this.reportVisibility());
@@ -47,12 +50,16 @@ export class Connection {
     clearTimeout(this.retry);
     this.clock = 0;
     this.isReady = false;
-    this.receivedAt = performance.now();
+    this.heard();
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    socket.onopen = () => {
+      if (this.socket === socket) this.heard();
+    };
     socket.onmessage = ({ data }) => {
+      if (this.socket === socket) this.checkSilence(); // the message may have waited during a sleep
       if (this.socket === socket) this.received(data);
     };
     socket.onclose = ({ code }) => {
@@ -63,9 +70,14 @@ export class Connection {
 
   /** @param {string | ArrayBuffer} data */
   received(data) {
-    this.receivedAt = performance.now();
+    this.heard();
     this.handle(data);
     if (this.problem) this.setProblem("");
+  }
+
+  /** Note that the connection is alive, or is being attempted. */
+  heard() {
+    this.receivedAt = { monotonic: performance.now(), wall: Date.now() };
   }
 
   /** @param {string | ArrayBuffer} data */
@@ -101,13 +113,19 @@ export class Connection {
   begin(robots, shown) {
     this.isReady = true;
     if (document.hidden) this.reportVisibility();
-    const { id, robot } = this.unsentStop;
-    this.unsentStop = { id: 0, robot: "" };
-    const stopped = id ? robots.indexOf(robot) : 0; // the dashboard begins with the first robot
-    if (stopped > 0) this.watch(stopped); // a command is for the robot that is watched
-    if (stopped < 0) this.settle(id, failure("reason.robotGone"));
-    else if (id) this.sendCommand(id, "stop", {});
-    if (shown !== Math.max(0, stopped)) this.watch(shown);
+    let watched = 0; // the dashboard begins with the first robot
+    for (const [robot, id] of this.unsentStops) {
+      const stopped = robots.indexOf(robot);
+      if (stopped < 0) {
+        this.settle(id, failure("reason.robotGone"));
+        continue;
+      }
+      if (stopped !== watched) this.watch(stopped); // a command is for the robot that is watched
+      watched = stopped;
+      this.sendCommand(id, "stop", {});
+    }
+    this.unsentStops.clear();
+    if (shown !== watched) this.watch(shown);
   }
 
   /** Show why there is no connection. The browser does not say why it has failed. */
@@ -129,7 +147,7 @@ export class Connection {
   }
 
   /**
-   * Fail the commands that wait for their answer, except an unsent stop, and connect again later.
+   * Fail the commands that wait for their answer, except unsent stops, and connect again later.
    * @param {boolean} dismissed true if the dashboard has too many viewers; then do not connect again
    */
   lost(dismissed) {
@@ -137,8 +155,9 @@ export class Connection {
     this.isReady = false;
     if (dismissed) this.setProblem("link.dismissed");
     else this.findProblem();
+    const unsent = [...this.unsentStops.values()];
     for (const id of [...this.replies.keys()]) {
-      if (id !== this.unsentStop.id) this.settle(id, failure("reason.connectionLost"));
+      if (!unsent.includes(id)) this.settle(id, failure("reason.connectionLost"));
     }
     // too many viewers would otherwise displace one another for ever
     if (!dismissed) this.retry = setTimeout(() => this.connect(), RETRY_DELAY);
@@ -147,7 +166,8 @@ export class Connection {
   /** Show that the dashboard sends nothing, and in the end open another connection. */
   checkSilence() {
     if (this.socket.readyState === WebSocket.CLOSED) return;
-    const silence = performance.now() - this.receivedAt;
+    const { monotonic, wall } = this.receivedAt;
+    const silence = Math.max(performance.now() - monotonic, Date.now() - wall);
     const connecting = this.socket.readyState === WebSocket.CONNECTING;
     if (silence > (connecting ? CONNECT_TIMEOUT : GIVE_UP)) {
       this.reconnect();
@@ -199,11 +219,11 @@ export class Connection {
     if (this.isReady) {
       this.sendCommand(id, "stop", {});
     } else {
-      this.unsentStop = { id, robot };
+      this.unsentStops.set(robot, id);
       if (this.socket.readyState > WebSocket.OPEN) this.reconnect();
     }
     setTimeout(() => {
-      if (this.unsentStop.id === id) this.unsentStop.id = 0;
+      if (this.unsentStops.get(robot) === id) this.unsentStops.delete(robot);
       this.settle(id, failure("reason.noAnswer"));
     }, this.stopTimeout);
     return this.waitForReply(id);

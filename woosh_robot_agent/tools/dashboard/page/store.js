@@ -267,7 +267,7 @@ export const alarms = computed(() => {
   return found;
 });
 /** Speed limits that ended with a restart of the dashboard, in m/s, by the address of the robot. */
-export const endedLimits = state(/** @type {ReadonlyMap<string, number>} */ (new Map()));
+const endedLimits = state(/** @type {ReadonlyMap<string, number>} */ (new Map()));
 /** Ended speed limit of the chosen robot, in m/s; undefined without one. */
 export const endedLimit = computed(() => endedLimits.value.get(address.value));
 /** Commands that wait for their answer, each as its `pendingKey`. */
@@ -412,6 +412,8 @@ export function receive(name, data) {
         endLimits();
         unanswered.value = alarms.value; // keep the alarms: the new process may know nothing of them
         map.value = null; // the new process may use the map's number for another map
+        simulator.value = null; // its robots may be real
+        if (tool.value === "obstacle") tool.value = "move";
       }
       process = data.process;
       page ||= data.page;

@@ -53,6 +53,7 @@ export class MapCanvas {
     this.covered = this.view.inset;
     this.pending = 0; // id of the requested animation frame; 0 without one
     this.shown = ""; // address of the map's picture, once it is requested
+    this.loading = ""; // the same, until the picture is loaded
     this.colours = this.readColours();
     this.bind();
   }
@@ -378,7 +379,9 @@ export class MapCanvas {
   loadMap(map, robot) {
     const url = map?.resolution ? `${robot}/${map.number}.png` : "";
     if (url === this.shown) return;
-    this.shown = url;
+    // a map that the robot is making has no name, and may grow faster than its pictures are loaded
+    if (map && url && !map.name && this.loading.startsWith(`${robot}/`)) return;
+    this.shown = this.loading = url;
     if (!map || !url) {
       this.area = this.keepout = this.keepoutImage = null;
       this.fittedOnce = false;
@@ -405,10 +408,16 @@ export class MapCanvas {
    */
   loadPicture(wanted, url, onLoad) {
     const image = new Image();
+    const end = () => {
+      if (this.loading === wanted) this.loading = "";
+    };
     image.onload = () => {
+      end();
       if (this.shown === wanted) onLoad(image);
+      this.loadMap(store.map.peek(), store.chosen.peek()); // it may have grown meanwhile
     };
     image.onerror = () => {
+      end();
       if (this.shown === wanted) this.shown = ""; // tries again when the map's data come again
     };
     image.src = url;

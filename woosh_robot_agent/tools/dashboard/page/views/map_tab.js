@@ -109,7 +109,8 @@ function Mapping({ mapping }) {
     run("buildMap", { type, scene, map: name });
   };
   const save = async () => {
-    if (!(await run("saveMap"))) return;
+    const address = store.address.value; // the viewer may choose another robot meanwhile
+    if (!(await run("saveMap")) || store.address.value !== address) return;
     saved.value = true;
     setScene(null);
     setName("");

@@ -66,7 +66,7 @@ export function taskButtons() {
    */
   const button = (id, icon, name = id) => {
     const label = t(`command.${name}`);
-    const { title = label, ...state } = commandProps(name);
+    const { title = tOr(`command.${name}.title`, label), ...state } = commandProps(name);
     return html`<button
       type="button"
       id=${id}
