@@ -107,7 +107,11 @@ def position(info: RobotInfo) -> Position | None:
     """Return the position of the robot; None if it is on no map, or unknown."""
     report = info.pose_speed
     place = report.pose
-    if not report.map_id or not all(map(math.isfinite, (place.x, place.y, place.theta))):
+    # the id of a map may be 0, as if there were no map
+    has_map_0 = info.HasField("pose_speed") and info.scene.map_name and not info.scene.map_id
+    if not (report.map_id or has_map_0):
+        return None
+    if not all(map(math.isfinite, (place.x, place.y, place.theta))):
         return None
     return Position(
         x=_rounded(place.x),
