@@ -194,44 +194,41 @@ def shorten(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, name, seconds)
 
 
-async def test_a_task_that_the_robot_drops_without_a_report_is_an_error(
-    site: Site, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Even if the robot does not tell its state either."""
-    shorten(tasks, monkeypatch)
-    async with site.online(request_timeout=1.0) as master:
-        await site.drive(master)
-        hide_tasks(site.chassis)
-        site.chassis.mute(full_name(RobotInfo))
-        site.chassis.call(lambda simulator: simulator.chassis.tasks.cancel("a restart"))
-        state = await master.error("drivingError")
-        assert nodes_left(state) == "b"
-        assert "does not know the task" in str(state["errors"])
-    assert site.chassis.counts[EXEC] == 1
+async def next_order(site: Site, master: Master, *, answers: bool) -> None:
+    """Cancel the order; the next one must not wait for what has ended.
 
-
-async def next_order(site: Site, master: Master) -> None:
-    """Cancel the order; the next one must not wait for what has ended."""
-    site.chassis.clear_faults()
+    Args:
+        answers: False if the robot does not answer as long as it has faults.
+    """
     master.instant(action("cancelOrder", "cancel"))
     await master.status("cancel", "FINISHED")
     pose = site.chassis.state.pose
     master.order([node("p", 0, pose.x, pose.y), node("q", 2, 8.0, -7.0)], order_id="next")
+    if not answers:
+        await master.error("robotBusyError")
+    site.chassis.clear_faults()
     await master.reached("q")
 
 
-async def test_no_order_waits_for_a_task_that_the_robot_has_dropped_without_a_report(
-    site: Site, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("answers", [True, False])
+async def test_a_task_that_the_robot_drops_without_a_report_is_an_error_and_nothing_waits_for_it(
+    site: Site, monkeypatch: pytest.MonkeyPatch, answers: bool
 ) -> None:
+    """Even if the robot does not tell its state for some time."""
     shorten(tasks, monkeypatch)
-    async with site.online() as master:
+    async with site.online(request_timeout=1.0) as master:
         await site.drive(master)
         show = hide_tasks(site.chassis)
+        if not answers:
+            site.chassis.mute(full_name(RobotInfo))
         site.chassis.call(lambda simulator: simulator.chassis.tasks.cancel("a restart"))
-        await master.error("drivingError")
+        state = await master.error("drivingError")
+        assert nodes_left(state) == "b"
+        assert "does not know the task" in str(state["errors"])
+        assert site.chassis.counts[EXEC] == 1
         show()
         set_speed(site.chassis, 20.0)
-        await next_order(site, master)
+        await next_order(site, master, answers=answers)
 
 
 def lose_ends(chassis: SimulatorThread) -> None:
@@ -413,11 +410,14 @@ async def test_an_action_that_the_robot_drops_without_a_report_fails(
         assert "does not tell how it ended" in result_of(state, "step")
 
 
+@pytest.mark.parametrize("answers", [True, False])
 async def test_no_order_waits_for_an_action_that_the_robot_has_dropped_without_a_report(
-    site: Site, monkeypatch: pytest.MonkeyPatch
+    site: Site, monkeypatch: pytest.MonkeyPatch, answers: bool
 ) -> None:
+    """Even if it does not answer its cancellation for some time."""
     shorten(calls, monkeypatch)
-    async with site.online() as master:
+    timing = Timing(minimum_timeouts={})
+    async with site.online(request_timeout=1.0, timing=timing) as master:
         step = action("step", "step", distance=1.0, speed=0.02)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 8.0, -7.0)])
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
@@ -426,8 +426,10 @@ async def test_no_order_waits_for_an_action_that_the_robot_has_dropped_without_a
         site.chassis.call(
             lambda simulator: simulator.chassis.actions.cancel(full_name(StepControl))
         )
+        if not answers:
+            site.chassis.mute(full_name(CallAction))
         await master.status("step", "FAILED")
-        await next_order(site, master)
+        await next_order(site, master, answers=answers)
 
 
 async def test_an_action_of_which_only_pushes_tell_goes_on(
