@@ -274,9 +274,8 @@ class OrderMachine:
         self._route.set_last_node(Node(node_id, number) if node_id else None)
 
     def forget_left_node(self) -> None:
-        """Forget the last node, unless the vehicle stands on it; not during an order."""
-        last = self._route.last_node
-        if last is not None and not self.busy and not self._route.stands_on(last):
+        """Forget the last node if the vehicle has left it; not during an order."""
+        if not self.busy and self._route.has_left_last_node:
             self.set_last_node("")
 
     def moved(

@@ -316,6 +316,17 @@ class Route:
             return True
         return _distance(self._driven_to, self.position) <= _TOLERANCE
 
+    @property
+    def has_left_last_node(self) -> bool:
+        """True if the vehicle does not stand on the last node any more.
+
+        A node without a position, e.g. of the action initPosition, is where it was reached.
+        """
+        last = self.last_node
+        if last is not None and last.position is None:
+            return _distance(self._reached_at, self.position) > _TOLERANCE
+        return last is not None and not self.stands_on(last)
+
     def is_on_map_of(self, node: Node) -> bool:
         """Return True if the vehicle is on the map of a node, or if one of the maps is unknown."""
         if node.position is None or self.position is None:
