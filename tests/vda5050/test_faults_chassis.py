@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -30,13 +31,13 @@ from tests.vda5050.master import (
 )
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import LARGE
-from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneList
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.ros import action_pb2
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosSuccess
+from woosh_robot_agent.pb.util import action_pb2 as action_state_pb2
 from woosh_robot_agent.pb.util import robot_pb2, task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
@@ -232,12 +233,13 @@ async def test_a_task_that_the_robot_drops_without_a_report_is_an_error_and_noth
 
 
 def lose_ends(chassis: SimulatorThread) -> None:
-    """Let a chassis push no report on the end of a task or an action."""
+    """Let a chassis push no report on the end of a task or an action, nor on the wait before it."""
 
     def without_ends(frame: Outgoing) -> list[Outgoing]:
         body, ends = frame.body, False
         if isinstance(body, TaskProc):
-            ends = not is_unfinished(body)
+            is_driving = body.action.state == action_state_pb2.kRosExecuting
+            ends = body.state != task_pb2.kExecuting or not is_driving
         elif isinstance(body, Feedbacks):
             ends = any(each.state == kRosSuccess for each in body.fbs)
         return [] if ends and not frame.is_answer else [frame]
@@ -249,7 +251,10 @@ def lose_ends(chassis: SimulatorThread) -> None:
 async def test_no_drive_waits_for_what_has_ended_without_a_report(
     site: Site, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    """Neither for a drive, nor for a task or step of an action."""
+    """Neither for a drive, nor for a task or step of an action.
+
+    The speed limit of the next drive waits for this drive: a real robot would refuse it before.
+    """
     shorten(tasks, monkeypatch)
     shorten(calls, monkeypatch)
     lose_ends(site.chassis)
@@ -263,9 +268,33 @@ async def test_no_drive_waits_for_what_has_ended_without_a_report(
             node("b", 2, 2.0, -7.0, actions=[work]),
             node("c", 4, 2.0, -6.0),
         ]
-        master.order(nodes)
+        ways = zip(pairwise(nodes), (0.8, 0.5), strict=True)
+        master.order(nodes, [edge(*way, maxSpeed=speed) for way, speed in ways])
         state = await master.reached("c")
         assert status_of(state, "work") == "FINISHED"
+    assert len(received(site.chassis, ChangeNavMode)) == 2
+
+
+async def test_an_obstacle_does_not_outlast_a_task_that_has_ended_without_a_report(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(tasks, monkeypatch)
+
+    def without_other_pushes(frame: Outgoing) -> list[Outgoing]:
+        is_other = isinstance(frame.body, TaskProc) and frame.body != blocked
+        return [] if is_other and not frame.is_answer else [frame]
+
+    async with site.online() as master:
+        await site.drive(master)
+        blocked = TaskProc()
+        blocked.CopyFrom(site.chassis.call(lambda each: each.chassis.tasks.reported))
+        blocked.action.state = action_state_pb2.kRosWarning
+        site.chassis.intercept(without_other_pushes)
+        site.chassis.call(lambda each: each.chassis.emit(blocked))
+        await master.error("obstacleError")
+        set_speed(site.chassis, 20.0)
+        ended = await master.reached("b")
+        assert ended["errors"] == []
 
 
 async def test_a_task_of_which_only_pushes_tell_goes_on(

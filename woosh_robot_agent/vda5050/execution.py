@@ -103,6 +103,7 @@ class Execution:
         self.speed = SpeedLimiter(
             link.chassis, link.gate, link.background.start, self._speed_refused, link.changed
         )
+        link.on_task_end(self.speed.task_ended)
         self.maps = RobotMaps(link)
         self.calls = RobotCalls(link)
         self.tasks = ActionTasks(link)
