@@ -431,10 +431,12 @@ class OrderMachine:
     def interrupt(self, action_id: str, reason: str = _RESTARTED) -> None:
         """Stop the order for good: the outcome of an action that forbids driving is unknown.
 
+        Do nothing while the order is cancelled.
+
         Args:
             reason: why it is unknown.
         """
-        if self.busy and self.error is None:
+        if self.busy and not self.canceling and self.error is None:
             self.error = self._fatal_error(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
 
     # Steps
