@@ -42,6 +42,7 @@ from woosh_robot_agent.pb.util import robot_pb2, task_pb2
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.vda5050.actions import runner
 from woosh_robot_agent.vda5050.robot import calls, tasks
 from woosh_robot_agent.vda5050.robot.link import Timing
 
@@ -101,6 +102,23 @@ async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Si
         assert status_of(ended, "words") == "FINISHED"
     assert site.chassis.state.spoken == ("ready",)
     assert site.chassis.counts[EXEC] == 1
+
+
+@pytest.mark.parametrize("is_long", [False, True])
+async def test_a_step_that_comes_during_a_long_loss_of_the_link_is_not_begun_later(
+    site: Site, monkeypatch: pytest.MonkeyPatch, is_long: bool
+) -> None:
+    if is_long:
+        monkeypatch.setattr(runner, "_MAX_LOSS", 0.0)
+    async with site.online() as master:
+        async with site.without_link(master):
+            master.instant(action("step", "step", distance=0.2))
+            state = await master.status("step", "FAILED" if is_long else "WAITING")
+            assert ("no link" in result_of(state, "step")) == is_long
+        await master.wait_state(is_connected)
+        master.instant(action("step", "next", distance=0.2))
+        await master.status("next", "FINISHED")
+    assert len(received(site.chassis, CallAction)) == (1 if is_long else 2)
 
 
 async def test_an_order_that_comes_without_a_link_does_not_start_elsewhere(site: Site) -> None:

@@ -122,7 +122,7 @@ _END_REASONS = {
 _UNKNOWN_TASK = Sentence("the robot does not know the task")()
 """Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
 UNSENT = Sentence("there is no link to the robot")()
-"""Reason if the start of a task was not sent."""
+"""Reason if a task or an action was not started."""
 _ORDERS = {
     Control.PAUSE: action.kPause,
     Control.RESUME: action.kContinue,
