@@ -39,7 +39,7 @@ from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosSuccess
 from woosh_robot_agent.pb.util import action_pb2 as action_state_pb2
 from woosh_robot_agent.pb.util import robot_pb2, task_pb2
-from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.actions import runner
@@ -135,6 +135,25 @@ async def test_an_order_that_comes_without_a_link_does_not_start_elsewhere(site:
             )
         await master.error("interruptedError")
     assert site.chassis.counts[EXEC] == 0
+
+
+async def test_an_order_waits_for_a_robot_that_comes_back_without_its_position(site: Site) -> None:
+    def switched_off_and_on(simulator: SimulatedChassis) -> None:
+        simulator.chassis.localise(Pose(0.0, 0.0, 0.0))
+        simulator.chassis.lose_localisation()
+
+    async with site.online() as master:
+        async with site.without_link(master):
+            master.order(LEG)
+            await master.accepted()
+            site.chassis.call(switched_off_and_on)
+        await master.wait_state(lambda state: "does not know its position" in str(state["errors"]))
+        assert "interruptedError" not in error_types(master.state)
+        x, y = START
+        master.instant(action("initPosition", "i", x=x, y=y, theta=0.0, mapId="wooshmap"))
+        ended = await master.reached("b")
+        assert ended["errors"] == []
+    assert site.chassis.counts[EXEC] == 1
 
 
 async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(
