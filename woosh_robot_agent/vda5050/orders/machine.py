@@ -56,6 +56,7 @@ class OrderMemory:
         nodes: nodes still to be reached.
         edges: edges still to be traversed, the current one included.
         on_edge: True if the vehicle is on the first of `edges`.
+        place: last position to which the vehicle drove, e.g. to dock; None on a leg, or if unknown.
         leg_length: number of nodes of the current leg (part of the order without a stop) that are
             still to be reached; 0 without a leg.
         actions: state of the actions of the order.
@@ -72,6 +73,7 @@ class OrderMemory:
     nodes: tuple[Node, ...] = ()
     edges: tuple[Edge, ...] = ()
     on_edge: bool = False
+    place: Position | None = None
     leg_length: int = 0
     actions: ActionsMemory = field(default_factory=ActionsMemory)
     canceling: bool = False
@@ -395,6 +397,7 @@ class OrderMachine:
             nodes=tuple(route.nodes),
             edges=tuple(route.edges),
             on_edge=route.on_edge,
+            place=route.driven_to if leg is None else None,  # it changes often on a leg
             leg_length=0 if leg is None else route.nodes.index(leg.goal) + 1,
             actions=self._actions.memory,
             canceling=self.canceling,
@@ -415,6 +418,7 @@ class OrderMachine:
         self._order = Order(memory.order_id, memory.update_id, nodes=(), edges=())
         route = self._route
         route.restore(memory.last_node, memory.nodes, memory.edges, on_edge=memory.on_edge)
+        route.driven_to = memory.place
         self._actions.restore(memory.actions)
         if length := memory.leg_length:
             route.leg = Leg(memory.edges[:length], memory.nodes[:length])
