@@ -623,6 +623,16 @@ async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(site
         assert state["errors"] == []
 
 
+async def test_the_factsheet_names_the_firmware_with_which_the_robot_comes_back(site: Site) -> None:
+    async with site.online() as master:
+        async with site.without_link(master):
+            version = "as updated"
+            edit_bodies(
+                site.chassis, RobotInfo, lambda info: setattr(info.genral.version, "rc", version)
+            )
+        await eventually(lambda: version in str(master.last("factsheet")))
+
+
 async def test_another_robot_at_the_address_is_refused(site: Site, restart: Restart) -> None:
     async with site.online() as master:
         await site.drive(master)

@@ -90,8 +90,14 @@ class Vehicle:
         await self._link.chassis.close()  # at the end: no state must say that the link is lost
 
     def _identified(self, info: RobotInfo) -> None:
-        """Connect to the broker after the first report, which tells the identity of the robot."""
-        if self._session is not None or self._link.is_closing:
+        """Connect to the broker after the first report, which tells the identity of the robot.
+
+        After a reconnect, publish the factsheet: the robot may have other firmware.
+        """
+        if self._link.is_closing:
+            return
+        if self._session is not None:
+            self._reports.publish_factsheet()
             return
         config = self._config
         self._robot_identity = RobotIdentity.of(info)
