@@ -681,6 +681,7 @@ async def test_an_order_that_has_ended_is_not_said_to_be_dropped(
             assert "interruptedError" not in error_types(master.state)
 
 
+NOT_READ = "has not sent its maps and marks yet"
 MARKED = [
     node("a", 0, *START),
     {"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []},
@@ -701,8 +702,10 @@ async def test_marks_that_the_robot_did_not_send_are_requested_again(
     timing = Timing(ask_again_after=0.1, minimum_timeouts={})
     async with site.online(request_timeout=1.0, timing=timing) as master:
         await eventually(lambda: site.chassis.counts[SCENE_DATA] >= 2)
-        site.chassis.accept(SCENE_DATA)
         nodes = MARKED
+        master.order(nodes)
+        await master.wait_state(lambda state: NOT_READ in str(state["errors"]))
+        site.chassis.accept(SCENE_DATA)
         await master.order_until_accepted(nodes)
         # the marks are those of another scene now, in which the robot knows no K10
         master.instant(action("enableMap", "map", mapId="scenex", mapVersion="12"))
@@ -717,6 +720,8 @@ async def test_a_list_of_maps_that_the_robot_refused_is_requested_again(site: Si
     site.chassis.refuse(full_name(SceneList), "Request failed")
     async with site.online(timing=Timing(ask_again_after=0.1)) as master:
         await eventually(lambda: site.chassis.counts[full_name(SceneList)] >= 2)
+        master.order([node("a", 0, *START), node("b", 2, 0.0, 0.0, map_id="scenex")])
+        await master.wait_state(lambda state: NOT_READ in str(state["errors"]))
         site.chassis.accept(full_name(SceneList))
         await master.wait_state(lambda state: state.get("maps"))
 
