@@ -17,11 +17,13 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     OperationState,
     PoseSpeed,
     RobotInfo,
+    Scene,
     TaskProc,
 )
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosSuccess
 from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D, Twist
 from woosh_robot_agent.simulator import SimulatorThread
@@ -99,6 +101,28 @@ def test_numbers_that_are_not_finite_are_left_out(bad: float) -> None:
     assert status.position is None
     assert status.velocity is None
     assert points([Pose2D(x=1.0, y=2.0), Pose2D(x=bad)]) == ((1.0, 2.0),)
+
+
+@pytest.mark.parametrize(
+    ("report", "is_on_map"),
+    [
+        (RobotInfo(pose_speed=PoseSpeed(), scene=Scene(map_name="hall")), True),
+        (RobotInfo(pose_speed=PoseSpeed(), scene=Scene(map_name="hall", map_id=7)), False),
+        (RobotInfo(pose_speed=PoseSpeed(), scene=Scene()), False),
+        (RobotInfo(scene=Scene(map_name="hall")), False),
+        (
+            RobotInfo(
+                pose_speed=PoseSpeed(), scene=Scene(map_name="hall"), state=robot_pb2.kMapping
+            ),
+            False,
+        ),
+    ],
+)
+def test_a_pose_without_a_map_is_one_on_the_map_with_the_id_0(
+    report: RobotInfo, is_on_map: bool
+) -> None:
+    position = robot_status(report).position
+    assert (position is not None) == is_on_map
 
 
 @pytest.mark.parametrize("timeout", [None, 60.0])
