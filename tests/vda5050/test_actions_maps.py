@@ -14,7 +14,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from tests.asynchronous import eventually
-from tests.quick_chassis import edit_bodies
+from tests.fact_files import FOLDER
+from tests.quick_chassis import edit_bodies, quick_config
+from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import received, statuses
 from tests.vda5050.conftest import AT_ONCE, Site
 from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
@@ -22,6 +24,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, SceneData, SceneList, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
 from woosh_robot_agent.vda5050.actions.map_actions import fetch, unpack
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError
@@ -139,6 +142,21 @@ async def test_the_marks_of_a_map_are_known_when_it_is_enabled(site: Site) -> No
         master.order([node("a", 0, *START, map_id="scenex"), mark])
         state = await master.accepted()
         assert state["errors"] == []
+
+
+async def test_a_robot_drives_on_the_map_of_a_real_scene_which_has_the_id_0(
+    broker: Mosquitto, recorder: Recorder
+) -> None:
+    options = quick_config(port=0, tcp_port=0, speed=20, scenes=(FOLDER / "real_scene",))
+    with SimulatorThread(options) as chassis:
+        pose, mark = chassis.state.pose, "758312C2"
+        start = node("a", 0, pose.x, pose.y, map_id="Wego_Robotics_503")
+        goal = {"nodeId": mark, "sequenceId": 2, "released": True, "actions": []}
+        async with Site(chassis, broker, recorder).online() as master:
+            assert master.state["agvPosition"]["mapId"] == "Wego_Robotics_503"
+            await master.order_until_accepted([start, goal])
+            ended = await master.reached(mark)
+            assert ended["errors"] == []
 
 
 async def test_a_position_on_another_map_is_initialised(site: Site) -> None:

@@ -350,7 +350,7 @@ async def test_the_error_of_a_last_action_whose_end_is_unknown_can_be_cancelled(
 
 async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:
     folder = tmp_path / "reports"
-    async with site.online(log_folder=folder) as master:
+    async with site.online(state_folder=tmp_path) as master:
         master.instant(action("logReport", "log", reason="a test"))
         state = await master.status("log", "FINISHED")
         content = json.loads((folder / result_of(state, "log")).read_text("utf-8"))

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -30,17 +31,18 @@ from tests.vda5050.master import (
 )
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import LARGE
-from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneList
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.ros import action_pb2
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks, kRosSuccess
+from woosh_robot_agent.pb.util import action_pb2 as action_state_pb2
 from woosh_robot_agent.pb.util import robot_pb2, task_pb2
-from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.vda5050.actions import runner
 from woosh_robot_agent.vda5050.robot import calls, tasks
 from woosh_robot_agent.vda5050.robot.link import Timing
 
@@ -102,6 +104,23 @@ async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Si
     assert site.chassis.counts[EXEC] == 1
 
 
+@pytest.mark.parametrize("is_long", [False, True])
+async def test_a_step_that_comes_during_a_long_loss_of_the_link_is_not_begun_later(
+    site: Site, monkeypatch: pytest.MonkeyPatch, is_long: bool
+) -> None:
+    if is_long:
+        monkeypatch.setattr(runner, "_MAX_LOSS", 0.0)
+    async with site.online() as master:
+        async with site.without_link(master):
+            master.instant(action("step", "step", distance=0.2))
+            state = await master.status("step", "FAILED" if is_long else "WAITING")
+            assert ("no link" in result_of(state, "step")) == is_long
+        await master.wait_state(is_connected)
+        master.instant(action("step", "next", distance=0.2))
+        await master.status("next", "FINISHED")
+    assert len(received(site.chassis, CallAction)) == (1 if is_long else 2)
+
+
 async def test_an_order_that_comes_without_a_link_does_not_start_elsewhere(site: Site) -> None:
     """Even if the first report of the new link is so large that it takes time to be decoded."""
     large = "x" * LARGE
@@ -116,6 +135,25 @@ async def test_an_order_that_comes_without_a_link_does_not_start_elsewhere(site:
             )
         await master.error("interruptedError")
     assert site.chassis.counts[EXEC] == 0
+
+
+async def test_an_order_waits_for_a_robot_that_comes_back_without_its_position(site: Site) -> None:
+    def switched_off_and_on(simulator: SimulatedChassis) -> None:
+        simulator.chassis.localise(Pose(0.0, 0.0, 0.0))
+        simulator.chassis.lose_localisation()
+
+    async with site.online() as master:
+        async with site.without_link(master):
+            master.order(LEG)
+            await master.accepted()
+            site.chassis.call(switched_off_and_on)
+        await master.wait_state(lambda state: "does not know its position" in str(state["errors"]))
+        assert "interruptedError" not in error_types(master.state)
+        x, y = START
+        master.instant(action("initPosition", "i", x=x, y=y, theta=0.0, mapId="wooshmap"))
+        ended = await master.reached("b")
+        assert ended["errors"] == []
+    assert site.chassis.counts[EXEC] == 1
 
 
 async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(
@@ -194,53 +232,51 @@ def shorten(module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, name, seconds)
 
 
-async def test_a_task_that_the_robot_drops_without_a_report_is_an_error(
-    site: Site, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Even if the robot does not tell its state either."""
-    shorten(tasks, monkeypatch)
-    async with site.online(request_timeout=1.0) as master:
-        await site.drive(master)
-        hide_tasks(site.chassis)
-        site.chassis.mute(full_name(RobotInfo))
-        site.chassis.call(lambda simulator: simulator.chassis.tasks.cancel("a restart"))
-        state = await master.error("drivingError")
-        assert nodes_left(state) == "b"
-        assert "does not know the task" in str(state["errors"])
-    assert site.chassis.counts[EXEC] == 1
+async def next_order(site: Site, master: Master, *, answers: bool) -> None:
+    """Cancel the order; the next one must not wait for what has ended.
 
-
-async def next_order(site: Site, master: Master) -> None:
-    """Cancel the order; the next one must not wait for what has ended."""
-    site.chassis.clear_faults()
+    Args:
+        answers: False if the robot does not answer as long as it has faults.
+    """
     master.instant(action("cancelOrder", "cancel"))
     await master.status("cancel", "FINISHED")
     pose = site.chassis.state.pose
     master.order([node("p", 0, pose.x, pose.y), node("q", 2, 8.0, -7.0)], order_id="next")
+    if not answers:
+        await master.error("robotBusyError")
+    site.chassis.clear_faults()
     await master.reached("q")
 
 
-async def test_no_order_waits_for_a_task_that_the_robot_has_dropped_without_a_report(
-    site: Site, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("answers", [True, False])
+async def test_a_task_that_the_robot_drops_without_a_report_is_an_error_and_nothing_waits_for_it(
+    site: Site, monkeypatch: pytest.MonkeyPatch, answers: bool
 ) -> None:
+    """Even if the robot does not tell its state for some time."""
     shorten(tasks, monkeypatch)
-    async with site.online() as master:
+    async with site.online(request_timeout=1.0) as master:
         await site.drive(master)
         show = hide_tasks(site.chassis)
+        if not answers:
+            site.chassis.mute(full_name(RobotInfo))
         site.chassis.call(lambda simulator: simulator.chassis.tasks.cancel("a restart"))
-        await master.error("drivingError")
+        state = await master.error("drivingError")
+        assert nodes_left(state) == "b"
+        assert "does not know the task" in str(state["errors"])
+        assert site.chassis.counts[EXEC] == 1
         show()
         set_speed(site.chassis, 20.0)
-        await next_order(site, master)
+        await next_order(site, master, answers=answers)
 
 
 def lose_ends(chassis: SimulatorThread) -> None:
-    """Let a chassis push no report on the end of a task or an action."""
+    """Let a chassis push no report on the end of a task or an action, nor on the wait before it."""
 
     def without_ends(frame: Outgoing) -> list[Outgoing]:
         body, ends = frame.body, False
         if isinstance(body, TaskProc):
-            ends = not is_unfinished(body)
+            is_driving = body.action.state == action_state_pb2.kRosExecuting
+            ends = body.state != task_pb2.kExecuting or not is_driving
         elif isinstance(body, Feedbacks):
             ends = any(each.state == kRosSuccess for each in body.fbs)
         return [] if ends and not frame.is_answer else [frame]
@@ -252,7 +288,10 @@ def lose_ends(chassis: SimulatorThread) -> None:
 async def test_no_drive_waits_for_what_has_ended_without_a_report(
     site: Site, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    """Neither for a drive, nor for a task or step of an action."""
+    """Neither for a drive, nor for a task or step of an action.
+
+    The speed limit of the next drive waits for this drive: a real robot would refuse it before.
+    """
     shorten(tasks, monkeypatch)
     shorten(calls, monkeypatch)
     lose_ends(site.chassis)
@@ -266,9 +305,33 @@ async def test_no_drive_waits_for_what_has_ended_without_a_report(
             node("b", 2, 2.0, -7.0, actions=[work]),
             node("c", 4, 2.0, -6.0),
         ]
-        master.order(nodes)
+        ways = zip(pairwise(nodes), (0.8, 0.5), strict=True)
+        master.order(nodes, [edge(*way, maxSpeed=speed) for way, speed in ways])
         state = await master.reached("c")
         assert status_of(state, "work") == "FINISHED"
+    assert len(received(site.chassis, ChangeNavMode)) == 2
+
+
+async def test_an_obstacle_does_not_outlast_a_task_that_has_ended_without_a_report(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(tasks, monkeypatch)
+
+    def without_other_pushes(frame: Outgoing) -> list[Outgoing]:
+        is_other = isinstance(frame.body, TaskProc) and frame.body != blocked
+        return [] if is_other and not frame.is_answer else [frame]
+
+    async with site.online() as master:
+        await site.drive(master)
+        blocked = TaskProc()
+        blocked.CopyFrom(site.chassis.call(lambda each: each.chassis.tasks.reported))
+        blocked.action.state = action_state_pb2.kRosWarning
+        site.chassis.intercept(without_other_pushes)
+        site.chassis.call(lambda each: each.chassis.emit(blocked))
+        await master.error("obstacleError")
+        set_speed(site.chassis, 20.0)
+        ended = await master.reached("b")
+        assert ended["errors"] == []
 
 
 async def test_a_task_of_which_only_pushes_tell_goes_on(
@@ -413,11 +476,14 @@ async def test_an_action_that_the_robot_drops_without_a_report_fails(
         assert "does not tell how it ended" in result_of(state, "step")
 
 
+@pytest.mark.parametrize("answers", [True, False])
 async def test_no_order_waits_for_an_action_that_the_robot_has_dropped_without_a_report(
-    site: Site, monkeypatch: pytest.MonkeyPatch
+    site: Site, monkeypatch: pytest.MonkeyPatch, answers: bool
 ) -> None:
+    """Even if it does not answer its cancellation for some time."""
     shorten(calls, monkeypatch)
-    async with site.online() as master:
+    timing = Timing(minimum_timeouts={})
+    async with site.online(request_timeout=1.0, timing=timing) as master:
         step = action("step", "step", distance=1.0, speed=0.02)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 8.0, -7.0)])
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
@@ -426,8 +492,10 @@ async def test_no_order_waits_for_an_action_that_the_robot_has_dropped_without_a
         site.chassis.call(
             lambda simulator: simulator.chassis.actions.cancel(full_name(StepControl))
         )
+        if not answers:
+            site.chassis.mute(full_name(CallAction))
         await master.status("step", "FAILED")
-        await next_order(site, master)
+        await next_order(site, master, answers=answers)
 
 
 async def test_an_action_of_which_only_pushes_tell_goes_on(
@@ -555,6 +623,16 @@ async def test_an_obstacle_that_blocks_the_way_is_reported_until_it_is_gone(site
         assert state["errors"] == []
 
 
+async def test_the_factsheet_names_the_firmware_with_which_the_robot_comes_back(site: Site) -> None:
+    async with site.online() as master:
+        async with site.without_link(master):
+            version = "as updated"
+            edit_bodies(
+                site.chassis, RobotInfo, lambda info: setattr(info.genral.version, "rc", version)
+            )
+        await eventually(lambda: version in str(master.last("factsheet")))
+
+
 async def test_another_robot_at_the_address_is_refused(site: Site, restart: Restart) -> None:
     async with site.online() as master:
         await site.drive(master)
@@ -603,6 +681,7 @@ async def test_an_order_that_has_ended_is_not_said_to_be_dropped(
             assert "interruptedError" not in error_types(master.state)
 
 
+NOT_READ = "has not sent its maps and marks yet"
 MARKED = [
     node("a", 0, *START),
     {"nodeId": "K10", "sequenceId": 2, "released": False, "actions": []},
@@ -623,8 +702,10 @@ async def test_marks_that_the_robot_did_not_send_are_requested_again(
     timing = Timing(ask_again_after=0.1, minimum_timeouts={})
     async with site.online(request_timeout=1.0, timing=timing) as master:
         await eventually(lambda: site.chassis.counts[SCENE_DATA] >= 2)
-        site.chassis.accept(SCENE_DATA)
         nodes = MARKED
+        master.order(nodes)
+        await master.wait_state(lambda state: NOT_READ in str(state["errors"]))
+        site.chassis.accept(SCENE_DATA)
         await master.order_until_accepted(nodes)
         # the marks are those of another scene now, in which the robot knows no K10
         master.instant(action("enableMap", "map", mapId="scenex", mapVersion="12"))
@@ -639,6 +720,8 @@ async def test_a_list_of_maps_that_the_robot_refused_is_requested_again(site: Si
     site.chassis.refuse(full_name(SceneList), "Request failed")
     async with site.online(timing=Timing(ask_again_after=0.1)) as master:
         await eventually(lambda: site.chassis.counts[full_name(SceneList)] >= 2)
+        master.order([node("a", 0, *START), node("b", 2, 0.0, 0.0, map_id="scenex")])
+        await master.wait_state(lambda state: NOT_READ in str(state["errors"]))
         site.chassis.accept(full_name(SceneList))
         await master.wait_state(lambda state: state.get("maps"))
 

@@ -150,9 +150,17 @@ async def test_a_charging_task_that_is_not_of_the_vehicle_is_named(site: Site) -
         await master.reached("b")
 
 
-async def test_the_last_node_is_forgotten_when_people_move_the_robot_away(site: Site) -> None:
+@pytest.mark.parametrize("by_action", [False, True])
+async def test_the_last_node_is_forgotten_when_people_move_the_robot_away(
+    site: Site, by_action: bool
+) -> None:
     async with site.online() as master:
-        master.order([node("a", 0, *START)])
+        if by_action:
+            x, y = START
+            position = {"x": x, "y": y, "theta": 0.0, "mapId": "wooshmap", "lastNodeId": "a"}
+            master.instant(action("initPosition", "i", **position))
+        else:
+            master.order([node("a", 0, *START)])
         await master.reached("a")
         site.chassis.set_key_switch(True)
         state = await master.wait_state(lambda state: state["operatingMode"] == "MANUAL")

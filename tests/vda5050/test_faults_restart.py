@@ -139,6 +139,22 @@ async def test_an_order_can_be_stopped_after_a_restart_before_the_marks_are_know
     assert commands(site.chassis) == ["drive", "pause"]
 
 
+async def test_a_robot_that_its_own_action_has_moved_goes_on(site: Site, tmp_path: Path) -> None:
+    step = action("step", "step", distance=1.0)
+    first, second = node("a", 0, *START, actions=[step]), NODES[1]
+    async with Master(site.broker.port) as master:
+        async with site.vehicle(state_folder=tmp_path):
+            await master.online()
+            master.order([first, second | {"released": False}])
+            await master.status("step", "FINISHED")
+        master.received.clear()
+        async with site.vehicle(state_folder=tmp_path):
+            await master.online()
+            master.order([first, second], update=1)
+            ended = await master.reached("b")
+            assert ended["errors"] == []
+
+
 async def test_a_robot_that_was_moved_meanwhile_does_not_go_on(site: Site, tmp_path: Path) -> None:
     async with Master(site.broker.port) as master:
         first, second, third = NODES

@@ -327,6 +327,14 @@ def test_a_drive_that_fails_ends_the_order_until_it_is_cancelled() -> None:
     assert (robot.machine.error, robot.machine.busy) == (None, False)
 
 
+def test_an_action_whose_end_is_unknown_leaves_no_error_of_a_cancelled_order() -> None:
+    robot = given(path("a", actions={"a": [action("step")]}))
+    robot.machine.cancel()
+    robot.machine.interrupt("step")
+    robot.finish("step")
+    assert (robot.machine.error, robot.machine.busy) == (None, False)
+
+
 def test_a_hold_pauses_the_drive_and_starts_none_until_all_are_released() -> None:
     robot = given(path("abc", b=place(1.0, theta=0.0)))
     robot.machine.hold("pause")

@@ -195,7 +195,10 @@ async def test_an_order_goes_no_further_while_the_robot_is_on_no_map(site: Site)
         master.instant(action("stopPause", "s"))
         await master.status("s", "FINISHED")
         await eventually(
-            lambda: "reports no position" in str((master.last("state") or {})["errors"])
+            lambda: (
+                "the order waits, because the robot does not know"
+                in str((master.last("state") or {})["errors"])
+            )
         )
         assert received(site.chassis, ExecTask) == []
         on_map_again()

@@ -135,7 +135,6 @@ def test_the_options_reach_the_vehicle(monkeypatch: pytest.MonkeyPatch, tmp_path
         interface="a/b",
         version=V3_0,
         limits=Limits(driving_state_interval=0.5, maps_in_state=False),
-        log_folder=tmp_path / "reports",
         state_folder=tmp_path,
     )
 

@@ -10,23 +10,30 @@ import pytest
 
 from tests.asynchronous import eventually
 from tests.vda5050 import orders
+from tests.vda5050.chassis_events import commands
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     OperationState,
     PoseSpeed,
     RobotInfo,
+    Scene,
     TaskProc,
 )
+from woosh_robot_agent.pb.ros.action_pb2 import StepControl
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosSuccess
 from woosh_robot_agent.pb.util import action_pb2 as action
+from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D, Twist
+from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.vda5050.actions.runner import ActionRunner, action_types
 from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.order import Action
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorLevel
 from woosh_robot_agent.vda5050.messages.versions import V2_1
 from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
+from woosh_robot_agent.vda5050.robot.calls import RobotCalls
 from woosh_robot_agent.vda5050.robot.link import Conditions, RobotLink, Timing
 from woosh_robot_agent.vda5050.robot.status import code_errors, field_violated, points, robot_status
 
@@ -96,6 +103,28 @@ def test_numbers_that_are_not_finite_are_left_out(bad: float) -> None:
     assert points([Pose2D(x=1.0, y=2.0), Pose2D(x=bad)]) == ((1.0, 2.0),)
 
 
+@pytest.mark.parametrize(
+    ("report", "is_on_map"),
+    [
+        (RobotInfo(pose_speed=PoseSpeed(), scene=Scene(map_name="hall")), True),
+        (RobotInfo(pose_speed=PoseSpeed(), scene=Scene(map_name="hall", map_id=7)), False),
+        (RobotInfo(pose_speed=PoseSpeed(), scene=Scene()), False),
+        (RobotInfo(scene=Scene(map_name="hall")), False),
+        (
+            RobotInfo(
+                pose_speed=PoseSpeed(), scene=Scene(map_name="hall"), state=robot_pb2.kMapping
+            ),
+            False,
+        ),
+    ],
+)
+def test_a_pose_without_a_map_is_one_on_the_map_with_the_id_0(
+    report: RobotInfo, is_on_map: bool
+) -> None:
+    position = robot_status(report).position
+    assert (position is not None) == is_on_map
+
+
 @pytest.mark.parametrize("timeout", [None, 60.0])
 async def test_a_cancel_at_the_moment_when_the_condition_holds_is_not_lost(
     timeout: float | None,
@@ -110,6 +139,31 @@ async def test_a_cancel_at_the_moment_when_the_condition_holds_is_not_lost(
     waiting.cancel()
     with pytest.raises(asyncio.CancelledError):
         await waiting
+
+
+async def test_an_action_that_is_cancelled_as_it_ends_does_not_cancel_the_next_one(
+    chassis: SimulatorThread,
+) -> None:
+    """E.g. because somebody turns the key switch at that moment."""
+    config = LinkConfig(ip="127.0.0.1", port=chassis.port)
+    link = RobotLink(config, Timing(repeat_after=0.1), *[lambda: None] * 3)
+    calls = RobotCalls(link)
+    step = StepControl(steps=[StepControl.Step(mode=StepControl.Step.kStraight, value=0.2)])
+
+    def cancel_at_end(reports: Feedbacks) -> None:
+        if any(each.state == kRosSuccess for each in reports.fbs):
+            first.cancel()
+
+    link.chassis.subscribe(Feedbacks, cancel_at_end)  # called when `calls` knows the end
+    link.chassis.start()
+    await link.wait_ready()
+    first = asyncio.create_task(calls.perform(step, lambda status: None))
+    with pytest.raises(asyncio.CancelledError):
+        await first
+    assert await calls.perform(step, lambda status: None) == "1 of 1 steps done"
+    assert commands(chassis) == ["step_control execute"] * 2
+    await link.background.close()
+    await link.chassis.close()
 
 
 async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:

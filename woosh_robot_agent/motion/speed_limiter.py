@@ -107,6 +107,11 @@ class SpeedLimiter:
             self._limit, self.refusal = limit, ""
         self._send()
 
+    def task_ended(self, task_id: int) -> None:
+        """Note the end of a task of which no report has told, only an answer of the chassis."""
+        if task_id == self._task_id:
+            self._task_reported(TaskProc())
+
     @property
     def _navigation(self) -> int:
         """Id of the task that navigates, or `_ACTION`; 0 while the robot does not navigate."""

@@ -15,6 +15,7 @@ from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.vda5050.messages.factsheet import STANDSTILL, ActionTypes
 from woosh_robot_agent.vda5050.messages.order import Action
 from woosh_robot_agent.vda5050.messages.state import (
+    NO_POSITION,
     ActionStatus,
     ErrorType,
     OperatingMode,
@@ -49,7 +50,6 @@ _LINK_LOST = Sentence("the link to the robot is lost; its last state is from {ti
 _BECAUSE = Sentence("{text}: {reason}")
 _OBSTACLE = Sentence("an obstacle blocks the way of the robot")
 _WAITS = Sentence("the order waits, because {cause}")
-_NO_PLACE = Sentence("the robot reports no position on a map")
 _CHARGES = Sentence("the robot executes its charging task")
 _MODE = Sentence("the operating mode is {mode}")
 _LOST = Sentence("the robot does not know its position any more")
@@ -103,6 +103,7 @@ class Execution:
         self.speed = SpeedLimiter(
             link.chassis, link.gate, link.background.start, self._speed_refused, link.changed
         )
+        link.on_task_end(self.speed.task_ended)
         self.maps = RobotMaps(link)
         self.calls = RobotCalls(link)
         self.tasks = ActionTasks(link)
@@ -205,10 +206,15 @@ class Execution:
         return bool(self.tasks.id) and not self.order.driving and not self.order.acting
 
     @property
+    def _is_located(self) -> bool:
+        """True if the robot knows its position on a map."""
+        place = self.robot.position
+        return place is not None and place.initialised
+
+    @property
     def _has_lost_position(self) -> bool:
         """True if the robot has lost its position, which clears an order in version 3."""
-        place = self.robot.position
-        if not self.version.is_3 or place is None or place.initialised:
+        if not self.version.is_3 or self.robot.position is None or self._is_located:
             return False
         return not (self.order.acting or self.active)  # an action may set the position
 
@@ -253,11 +259,11 @@ class Execution:
                     "end it with stopCharging, or wait for its end",
                 )
             )
-        elif self.order.busy and self.link.ready and self.robot.position is None:
+        elif self.order.busy and self.link.ready and not self._is_located:
             errors.append(
                 warning(
                     ErrorType.NOT_AVAILABLE,
-                    _WAITS(cause=_NO_PLACE()),
+                    _WAITS(cause=NO_POSITION()),
                     "place it on the map with initPosition, or cancel the order",
                 )
             )
@@ -398,7 +404,7 @@ class Execution:
         is_free = (
             self.may_act
             and self.robot.is_automatic
-            and self.robot.position is not None
+            and self._is_located
             and not (self.drive.id or self._must_wait or self.is_leaving_task)
         )
         return self.order.poll(

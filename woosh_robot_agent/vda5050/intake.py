@@ -36,6 +36,7 @@ _MANY_POINTS = Sentence("the trajectories have {count} control points, more than
 _TOO_SLOW = Sentence("the robot cannot drive as slowly as maxSpeed: {speed}")
 _NO_MARK = Sentence("node {node} has no position, and the robot has no mark of that name")
 _NO_MAP = Sentence("the robot has no map {map}")
+_NOT_READ = Sentence("the robot has not sent its maps and marks yet")
 _TRAJECTORY = Sentence("the robot cannot drive the trajectory: {reason}")
 _UNSUPPORTED = Sentence("the robot cannot obey {fields} of {place}")
 _LOST_BEGINNING = Sentence("it is an update of an order that the vehicle does not have")
@@ -51,11 +52,16 @@ _TOLERANCE = 0.25
 
 
 class OrderCheck:
-    """Check of an order against what a vehicle can do."""
+    """Check of an order against what a vehicle can do.
 
-    def __init__(self, order: Order, types: ActionTypes) -> None:
+    Args:
+        knows_marks: True if the marks of the robot are known.
+    """
+
+    def __init__(self, order: Order, types: ActionTypes, *, knows_marks: bool) -> None:
         self._order = order
         self._types = types
+        self._knows_marks = knows_marks
 
     def check(self, status: RobotStatus | None) -> None:
         """Check the order.
@@ -83,7 +89,7 @@ class OrderCheck:
             self._check_edge(edge)
         maps = {status.position.map_id, *(each.id for each in status.maps or ())}
         for node in self._order.nodes:
-            self._check_node(node, maps)
+            self._check_node(node, maps, knows_maps=status.maps is not None)
         for start, edge, end in zip(
             self._order.nodes, self._order.edges, self._order.nodes[1:], strict=False
         ):
@@ -122,12 +128,20 @@ class OrderCheck:
             )
         self._check_actions(edge.actions, Scope.EDGE, edgeId=edge.id)
 
-    def _check_node(self, node: Node, maps: Set[str]) -> None:
+    def _check_node(self, node: Node, maps: Set[str], *, knows_maps: bool) -> None:
         """Raise RejectedError if a node has no position, is on no known map, or has a bad action.
 
-        `maps` has the ids of the maps on the robot.
+        Args:
+            maps: ids of the maps on the robot.
+            knows_maps: False if it may have more maps.
         """
-        if node.position is None:
+        position = node.position
+        is_missing = position is None or position.map_id not in maps
+        if is_missing and not (self._knows_marks if position is None else knows_maps):
+            raise self._error(
+                ErrorType.ORDER, _NOT_READ(), "send the order again later", nodeId=node.id
+            )
+        if position is None:
             raise self._error(
                 ErrorType.ORDER,
                 _NO_MARK(node=node.id),
@@ -135,13 +149,13 @@ class OrderCheck:
                 nodeId=node.id,
                 parameter="nodePosition",
             )
-        if node.position.map_id not in maps:
+        if position.map_id not in maps:
             raise self._error(
                 ErrorType.UNKNOWN_MAP,
-                _NO_MAP(map=node.position.map_id),
+                _NO_MAP(map=position.map_id),
                 f"use one of its maps: {', '.join(sorted(maps))}",
                 nodeId=node.id,
-                mapId=node.position.map_id,
+                mapId=position.map_id,
             )
         self._check_actions(node.actions, Scope.NODE, nodeId=node.id)
 
@@ -308,4 +322,6 @@ class Intake:
         # in version 2.1, a new order removes the ended instant actions from the state
         keeps_ended = self._version.is_3 or not is_new
         check_instant_ids(order, self._execution.instant.ids_in_state(ended=keeps_ended))
-        OrderCheck(order, self._execution.types).check(self._execution.robot_status)
+        execution = self._execution
+        check = OrderCheck(order, execution.types, knows_marks=execution.maps.knows_marks)
+        check.check(execution.robot_status)

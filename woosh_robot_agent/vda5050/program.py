@@ -207,7 +207,6 @@ def _vehicle(options: argparse.Namespace, link: LinkConfig, serial_number: str) 
         interface=options.interface,
         version=VERSIONS[options.version],
         state_folder=options.state_folder,
-        log_folder=options.state_folder / "reports",
         limits=Limits(
             driving_state_interval=options.driving_state_interval,
             maps_in_state=not options.no_maps_in_state,

@@ -141,8 +141,8 @@ class VehicleConfig:
         manufacturer: manufacturer in the topics.
         serial_number: serial number in the topics; empty for the one that the robot reports.
         interface: first level of the topics; a text with slashes gives several levels.
-        log_folder: folder for the files of logReport; None if the vehicle does not have the action.
-        state_folder: folder of the state file; None to keep nothing over a restart.
+        state_folder: folder of the state file, and of the reports of the action logReport; None to
+            keep nothing over a restart, and to lack this action.
         gone_after: time without a sign of a second connector after which it counts as gone, in
             seconds.
     """
@@ -153,7 +153,6 @@ class VehicleConfig:
     interface: str = "uagv"
     version: Version = V2_1
     limits: Limits = field(default_factory=Limits)
-    log_folder: Path | None = None
     state_folder: Path | None = None
     timing: Timing = field(default_factory=Timing)
     gone_after: float = 40.0

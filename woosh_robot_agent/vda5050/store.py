@@ -180,8 +180,8 @@ class Store:
     def _can_wait(self, record: Record) -> bool:
         """Return True if a record differs from the saved one only in progress, and that was saved.
 
-        Progress is which nodes and edges are left, and the states and ids of instant actions. If
-        the latest progress is lost, nothing that moves is repeated.
+        Progress is which nodes and edges are left, where the vehicle stands, and the states and ids
+        of instant actions. If the latest progress is lost, nothing that moves is repeated.
         """
         saved = self._record
         order_with_saved_progress = replace(
@@ -190,6 +190,7 @@ class Store:
             nodes=saved.order.nodes,
             edges=saved.order.edges,
             on_edge=saved.order.on_edge,
+            place=saved.order.place,
             leg_length=saved.order.leg_length,
         )
         with_saved_progress = replace(

@@ -45,7 +45,8 @@ class Vehicle:
         self._config = config
         self._broker = broker
         self._link = RobotLink(config.link, config.timing, self._changed, self._moved, self._save)
-        types = action_types(config.version, can_log=config.log_folder is not None)
+        log_folder = None if config.state_folder is None else config.state_folder / "reports"
+        types = action_types(config.version, can_log=log_folder is not None)
         self._execution = Execution(self._link, config.version, types)
         self._reported = self._execution.robot
         self._reports = Reports(
@@ -56,7 +57,7 @@ class Vehicle:
             self._factsheet,
         )
         self._intake = Intake(self._execution)
-        self._runner = ActionRunner(self._execution, self._reports, config.log_folder)
+        self._runner = ActionRunner(self._execution, self._reports, log_folder)
         self._robot_identity = RobotIdentity(0, 0)
         """Identity of the robot; zeros until its first report."""
         self._session: Session | None = None
@@ -90,8 +91,14 @@ class Vehicle:
         await self._link.chassis.close()  # at the end: no state must say that the link is lost
 
     def _identified(self, info: RobotInfo) -> None:
-        """Connect to the broker after the first report, which tells the identity of the robot."""
-        if self._session is not None or self._link.is_closing:
+        """Connect to the broker after the first report, which tells the identity of the robot.
+
+        After a reconnect, publish the factsheet: the robot may have other firmware.
+        """
+        if self._link.is_closing:
+            return
+        if self._session is not None:
+            self._reports.publish_factsheet()
             return
         config = self._config
         self._robot_identity = RobotIdentity.of(info)

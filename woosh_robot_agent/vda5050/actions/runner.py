@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Iterable, Mapping
 from itertools import islice, takewhile
 from pathlib import Path
@@ -25,6 +26,7 @@ from woosh_robot_agent.vda5050.messages.versions import Version
 from woosh_robot_agent.vda5050.orders.actions import count_startable
 from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
 from woosh_robot_agent.vda5050.reports import Reports
+from woosh_robot_agent.vda5050.robot.tasks import UNSENT
 
 ACTIONS: Mapping[str, VehicleAction] = {
     action.type.name: action
@@ -68,6 +70,8 @@ def action_types(version: Version, *, can_log: bool = False) -> ActionTypes:
 _LOG = logging.getLogger(__name__)
 _ENDED = "the action was ended"
 _PROGRAM = Sentence("an error of the program; see its log")
+_MAX_LOSS = 30.0
+"""Time without a link after which no instant action that moves something waits, in seconds."""
 
 
 class ActionRunner:
@@ -118,14 +122,30 @@ class ActionRunner:
             if ACTIONS[action.type].type.pausable:
                 self._end(action, NOT_AUTOMATIC())
 
+    def _end_forgotten(self) -> None:
+        """End the instant actions that move something and wait for a robot that has gone.
+
+        Otherwise they might begin when the robot is switched on hours later.
+        """
+        execution = self._execution
+        chassis = execution.link.chassis
+        if execution.link.ready or time.time() < chassis.since + _MAX_LOSS:
+            return
+        for action in tuple(self._waiting.values()):
+            is_instant = not execution.order.has_action(action.id)
+            if is_instant and ACTIONS[action.type].type.pausable:
+                self._end(action, UNSENT)
+
     def poll(self) -> None:
         """Start the actions that may start now.
 
-        If the robot is not in automatic mode, first end the actions that move something.
+        If the robot is not in automatic mode, first end the actions that move something. After a
+        long loss of the link, end the instant ones.
         """
         execution = self._execution
         if not execution.robot.is_automatic:
             self._end_motion()
+        self._end_forgotten()
         waiting: Iterable[Action] = self._waiting.values()
         if execution.link.is_closing or not execution.may_act:
             return

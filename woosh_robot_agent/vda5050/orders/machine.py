@@ -56,6 +56,7 @@ class OrderMemory:
         nodes: nodes still to be reached.
         edges: edges still to be traversed, the current one included.
         on_edge: True if the vehicle is on the first of `edges`.
+        place: last position to which the vehicle drove, e.g. to dock; None on a leg, or if unknown.
         leg_length: number of nodes of the current leg (part of the order without a stop) that are
             still to be reached; 0 without a leg.
         actions: state of the actions of the order.
@@ -72,6 +73,7 @@ class OrderMemory:
     nodes: tuple[Node, ...] = ()
     edges: tuple[Edge, ...] = ()
     on_edge: bool = False
+    place: Position | None = None
     leg_length: int = 0
     actions: ActionsMemory = field(default_factory=ActionsMemory)
     canceling: bool = False
@@ -274,9 +276,8 @@ class OrderMachine:
         self._route.set_last_node(Node(node_id, number) if node_id else None)
 
     def forget_left_node(self) -> None:
-        """Forget the last node, unless the vehicle stands on it; not during an order."""
-        last = self._route.last_node
-        if last is not None and not self.busy and not self._route.stands_on(last):
+        """Forget the last node if the vehicle has left it; not during an order."""
+        if not self.busy and self._route.has_left_last_node:
             self.set_last_node("")
 
     def moved(
@@ -396,6 +397,7 @@ class OrderMachine:
             nodes=tuple(route.nodes),
             edges=tuple(route.edges),
             on_edge=route.on_edge,
+            place=route.driven_to if leg is None else None,  # it changes often on a leg
             leg_length=0 if leg is None else route.nodes.index(leg.goal) + 1,
             actions=self._actions.memory,
             canceling=self.canceling,
@@ -416,6 +418,7 @@ class OrderMachine:
         self._order = Order(memory.order_id, memory.update_id, nodes=(), edges=())
         route = self._route
         route.restore(memory.last_node, memory.nodes, memory.edges, on_edge=memory.on_edge)
+        route.driven_to = memory.place
         self._actions.restore(memory.actions)
         if length := memory.leg_length:
             route.leg = Leg(memory.edges[:length], memory.nodes[:length])
@@ -432,10 +435,12 @@ class OrderMachine:
     def interrupt(self, action_id: str, reason: str = _RESTARTED) -> None:
         """Stop the order for good: the outcome of an action that forbids driving is unknown.
 
+        Do nothing while the order is cancelled.
+
         Args:
             reason: why it is unknown.
         """
-        if self.busy and self.error is None:
+        if self.busy and not self.canceling and self.error is None:
             self.error = self._fatal_error(ErrorType.INTERRUPTED, reason, ("actionId", action_id))
 
     # Steps

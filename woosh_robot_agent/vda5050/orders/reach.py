@@ -59,6 +59,7 @@ class Route:
         position: the last known position; None before the first report, also after a restart.
         driven: distance driven since the last node, in metres; None if unknown after a restart.
         must_check_place: True if the vehicle may have been moved away from the last node.
+        driven_to: last position to which the vehicle drove, i.e. was not pushed; None if unknown.
     """
 
     def __init__(self, actions: OrderActions) -> None:
@@ -71,10 +72,9 @@ class Route:
         self.position: Position | None = None
         self.driven: float | None = 0.0
         self.must_check_place = False
+        self.driven_to: Position | None = None
         self._move_start: Position | None = None
         """Start of the last move, which ends at `position`; None if unknown."""
-        self._driven_to: Position | None = None
-        """Last position to which the vehicle drove, i.e. was not pushed; None if unknown."""
         self._reached_at: Position | NodePosition | None = None
         """Position of the vehicle when it reached the last node; after a restart, that of the node.
         None if unknown."""
@@ -177,7 +177,7 @@ class Route:
             and math.dist(last.point, position.point) <= _TOLERANCE
         )
         if by_action or drives_leg or is_same_place:
-            self._driven_to = position
+            self.driven_to = position
         elif position != last:  # pushed by somebody, or its position was corrected
             self.must_check_place = True
         if leg is None or not passes:
@@ -314,7 +314,18 @@ class Route:
         last = self.last_node
         if last is not None and self.stands_on(last):
             return True
-        return _distance(self._driven_to, self.position) <= _TOLERANCE
+        return _distance(self.driven_to, self.position) <= _TOLERANCE
+
+    @property
+    def has_left_last_node(self) -> bool:
+        """True if the vehicle does not stand on the last node any more.
+
+        A node without a position, e.g. of the action initPosition, is where it was reached.
+        """
+        last = self.last_node
+        if last is not None and last.position is None:
+            return _distance(self._reached_at, self.position) > _TOLERANCE
+        return last is not None and not self.stands_on(last)
 
     def is_on_map_of(self, node: Node) -> bool:
         """Return True if the vehicle is on the map of a node, or if one of the maps is unknown."""

@@ -414,11 +414,7 @@ class RobotCalls:
                     call.outcome_unknown = True
                     call.end(_UNKNOWN())
                     if name in _MOVES_BASE:  # it may still move the robot
-                        # whatever the answer is, nothing of this kind goes on then
-                        await self._link.command(
-                            call.request(action_pb2.kCancel),
-                            tap=lambda answer: self._link.gate.action_ended(call.name),
-                        )
+                        await self._cancel_unknown(call)
             except LinkError as error:
                 _LOG.debug("reports on %s: %s", call.name, error)
                 if not self._link.ready:
@@ -430,3 +426,23 @@ class RobotCalls:
                 # an action that has just begun may not be in the answer yet
                 deadline = min(deadline, clock() + _REPORT_AFTER)
             await asyncio.sleep(_ASK_EVERY)
+
+    async def _cancel_unknown(self, call: _Call) -> None:
+        """Cancel an action that may go on until the robot answers, or another of its kind begins.
+
+        Whatever the answer is, nothing of this kind goes on then. Without a link, do nothing more:
+        after a reconnect, the reports of the robot tell what it executes.
+        """
+
+        def answered(answer: Answer) -> None:
+            self._link.gate.action_ended(call.name)
+            self._link.changed()  # an order may wait for the end
+
+        while self._link.ready and self._calls.get(full_name(call.command), call) is call:
+            try:
+                await self._link.command(call.request(action_pb2.kCancel), tap=answered)
+            except LinkError as error:
+                _LOG.warning("the cancellation of %s was not answered: %s", call.name, error)
+                await asyncio.sleep(_ASK_EVERY)
+            else:
+                return

@@ -62,6 +62,7 @@ class Controller:
         """True if the last command was a pause that was not refused, and has had no effect yet."""
         self._resumed_at = -math.inf
         """Loop time of a resumption whose effect was not reported yet; else minus infinity."""
+        self._has_ended = False
         self._wake = asyncio.Event()
         """Set to end the pause before the wanted command is sent again."""
         self._log = LogOnce(_LOG)
@@ -100,8 +101,8 @@ class Controller:
         self._wake.set()
 
     def end(self) -> None:
-        """Command nothing more: the task or action has ended."""
-        self._wanted = None
+        """Command nothing more, whatever is wanted: the task or action has ended."""
+        self._has_ended = True
         self._wake.set()
 
     def _start_sending(self) -> None:
@@ -126,9 +127,11 @@ class Controller:
         """Forget a resumption of what is not paused, and return the command to send.
 
         Returns:
-            None if there is no command, or the robot has obeyed it. An obeyed pause stays wanted,
-            because it must last.
+            None if there is no command, or the robot has obeyed it, or the task or action has
+            ended. An obeyed pause stays wanted, because it must last.
         """
+        if self._has_ended:
+            return None
         if self._wanted is Control.RESUME and not (self.paused or self._is_pause_pending):
             self._wanted = None
         if self._wanted is Control.PAUSE and self.stays_paused:

@@ -58,8 +58,9 @@ class RobotMaps:
         """All maps; None until they have been read."""
         self._scene = ""
         """Name of the robot's scene; empty if it has none, or before its first report."""
-        self._marks: dict[tuple[str, str], NodePosition] = {}
-        """Positions of the marks, by the id of the map and the number of the mark."""
+        self._marks: dict[tuple[str, str], NodePosition] | None = None
+        """Positions of the scene's marks, by the id of the map and the number of the mark; None
+        until they have been read."""
         self._were_requested = asyncio.Event()
         """Set when a request for the marks of the scene has been answered, or has failed."""
         self._retry = Backoff(link.timing.ask_again_after, _MAX_RETRY_DELAY)
@@ -72,9 +73,14 @@ class RobotMaps:
         link.chassis.on_snapshot(lambda info: self._scene_reported(info.scene))
         link.chassis.subscribe(Scene, self._scene_reported)
 
+    @property
+    def knows_marks(self) -> bool:
+        """True once the marks of the robot's scene have been read."""
+        return self._marks is not None
+
     def find_mark(self, number: str, map_id: str) -> NodePosition | None:
-        """Return the position of a mark, with its heading; None if the map has no such mark."""
-        return self._marks.get((map_id, number))
+        """Return the position of a mark, with its heading; None if no such mark is known."""
+        return (self._marks or {}).get((map_id, number))
 
     async def wait_for_marks(self) -> None:
         """Wait for the marks, which an order may need; go on without them if a request fails."""
@@ -143,7 +149,7 @@ class RobotMaps:
         """Read maps and marks again; if this is under way already, begin anew."""
         is_other = scene.scene_name != self._scene
         if is_other:
-            self._scene, self._marks = scene.scene_name, {}
+            self._scene, self._marks = scene.scene_name, None
             self._were_requested.clear()
         if is_other or not self._costs_link:
             self._request_soon()
@@ -184,18 +190,19 @@ class RobotMaps:
             LinkError: the robot did not answer.
         """
         if not scene:
+            self._marks = {}
             return True
         answer = await self._link.ask(SceneData(name=scene))
         if not answer.ok or not isinstance(answer.body, SceneData):
             text = f"the marks of scene {scene} are unknown, because the robot sent none"
             self._log.warn("marks", f"{text}: {answer.reason}")
             return False
-        self._marks = {}
+        self._marks = marks = {}
         for each in answer.body.maps:
             map_id = each.name or str(each.id)
             for mark in each.mark_info.storages:
                 if (place := _place(mark.pose, map_id)) is not None:
-                    self._marks[map_id, mark.identity.no] = place
+                    marks[map_id, mark.identity.no] = place
         self._link.changed()
         return True
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Answer, LinkError
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     Battery,
@@ -69,6 +70,7 @@ class ReportedState:
         for report in _STATUS_REPORTS:
             link.chassis.subscribe_raw(report, lambda body: self._changed())
         link.chassis.subscribe_raw(NavPath, lambda body: self._path_changed())
+        link.on_task_end(self._task_ended)
 
     @property
     def info(self) -> RobotInfo | None:
@@ -129,6 +131,15 @@ class ReportedState:
         self._is_current = False
         self._link.changed()
         self._watch_for_silence()
+
+    def _task_ended(self, task_id: int) -> None:
+        """Forget a task that has ended, if its end was not reported."""
+        info = self.info
+        if info is None or info.task_proc.robot_task_id != task_id:
+            return
+        if is_unfinished(info.task_proc):
+            self._values.remember(TaskProc())
+            self._changed()
 
     def _watch_for_silence(self) -> None:
         """Start the timer for the next pose if the robot moves; a standing one reports no pose."""

@@ -107,7 +107,9 @@ def position(info: RobotInfo) -> Position | None:
     """Return the position of the robot; None if it is on no map, or unknown."""
     report = info.pose_speed
     place = report.pose
-    if not report.map_id or not all(map(math.isfinite, (place.x, place.y, place.theta))):
+    if not (report.map_id or _is_on_map_0(info)):
+        return None
+    if not all(map(math.isfinite, (place.x, place.y, place.theta))):
         return None
     return Position(
         x=_rounded(place.x),
@@ -117,6 +119,15 @@ def position(info: RobotInfo) -> Position | None:
         # is_located is None if the robot does not report it, or is building a map
         initialised=info.state != robot.kUninit and readiness.is_located(info) is not False,
     )
+
+
+def _is_on_map_0(info: RobotInfo) -> bool:
+    """Return True if the map of the robot has the id 0, as if there were no map.
+
+    While the robot builds a map, its pose does not belong to the map of the scene.
+    """
+    has_map = bool(info.scene.map_name) and not info.scene.map_id
+    return has_map and info.HasField("pose_speed") and info.state != robot.kMapping
 
 
 def velocity(info: RobotInfo) -> Velocity | None:

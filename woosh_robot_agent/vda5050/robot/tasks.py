@@ -122,7 +122,7 @@ _END_REASONS = {
 _UNKNOWN_TASK = Sentence("the robot does not know the task")()
 """Reason if the robot does not tell how a task ended, e.g. because it was restarted."""
 UNSENT = Sentence("there is no link to the robot")()
-"""Reason if the start of a task was not sent."""
+"""Reason if a task or an action was not started."""
 _ORDERS = {
     Control.PAUSE: action.kPause,
     Control.RESUME: action.kContinue,
@@ -351,7 +351,12 @@ class TaskRunner:
                 if is_current is None and self.confirmed and not is_cancelled:
                     return  # the robot refuses queries, but reports on the task
                 if clock() > deadline:
-                    if not await self._executes_unnamed_task(task_id) or is_cancelled:
+                    try:
+                        goes_on = await self._executes_unnamed_task(task_id)
+                    except RequestTimeoutError:
+                        goes_on = False
+                        self._link.background.start(self._learn_end(task_id))
+                    if not goes_on or is_cancelled:
                         self._end(task_id, _UNKNOWN_TASK)
                     return
             except LinkError as error:
@@ -404,7 +409,10 @@ class TaskRunner:
     async def _executes_unnamed_task(self, task_id: int) -> bool:
         """Return True if the robot tells that it executes a task, but not which one.
 
-        Return False also if it does not answer in time. If it is idle, `task_id` has ended.
+        If it is idle, `task_id` has ended.
+
+        Raises:
+            LinkError: the robot did not answer.
         """
 
         def take_answer(answer: Answer) -> None:
@@ -412,12 +420,24 @@ class TaskRunner:
             if isinstance(answer.body, RobotInfo) and answer.body.state == robot.kIdle:
                 self._link.task_ended(task_id)
 
-        try:
-            answer = await self._link.ask(RobotInfo(), tap=take_answer)
-        except RequestTimeoutError:
-            return False
+        answer = await self._link.ask(RobotInfo(), tap=take_answer)
         state = answer.body.state if isinstance(answer.body, RobotInfo) else None
         return state in (robot.kTask, robot.kParking) and not self.foreign_id
+
+    async def _learn_end(self, task_id: int) -> None:
+        """Ask whether the robot is idle until it answers: an order may wait for the end of a task.
+
+        Without a link, do nothing more: after a reconnect, the robot tells its task.
+        """
+        while self._link.ready:
+            try:
+                await self._executes_unnamed_task(task_id)
+            except LinkError as error:
+                _LOG.debug("no answer about the state after task %d: %s", task_id, error)
+                await asyncio.sleep(_ASK_EVERY)
+            else:
+                self._link.changed()
+                return
 
     def _link_changed(self, state: LinkState) -> None:
         self._controller.send_now()
