@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import subprocess
+import sys
 
 import pytest
 
@@ -253,3 +255,22 @@ async def test_an_attempt_cancelled_as_it_succeeds_leaves_no_socket(kind: str) -
             assert opening.done()
             await transport.close()
         await eventually(lambda: all(wire.gone.is_set() for wire in peer.wires))
+
+
+BLOCKED_LOOKUPS = """
+import asyncio, threading
+from woosh_robot_agent.link.tasks import run_program
+
+async def main():
+    for _ in range(50):
+        asyncio.get_running_loop().run_in_executor(None, threading.Event().wait)
+    await asyncio.to_thread(print, "not blocked")
+
+run_program(main())
+"""
+
+
+def test_host_names_that_are_looked_up_delay_neither_each_other_nor_the_end_of_a_program() -> None:
+    program = [sys.executable, "-c", BLOCKED_LOOKUPS]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=TIMEOUT)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "not blocked\n", "")

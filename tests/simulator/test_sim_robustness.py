@@ -205,6 +205,22 @@ def test_client_of_a_frame_that_cannot_be_sent_is_dropped(
     assert "cannot send a frame to" in caplog.text
 
 
+def test_an_interceptor_may_use_the_simulator(client: JsonClient) -> None:
+    """It runs in the simulator's thread, which must not wait for itself."""
+    simulator, seen = client.simulator, []
+
+    def use(outgoing: Any) -> list[Any]:
+        with pytest.raises(RuntimeError, match="its own thread"):
+            simulator.wait_received("woosh.robot.PoseSpeed")
+        seen.append(simulator.state)
+        return [outgoing]
+
+    remove = simulator.intercept(use)
+    client.ask("woosh.robot.PoseSpeed")
+    remove()
+    assert seen
+
+
 def test_failing_interceptor_closes_no_connection(client: JsonClient) -> None:
     def fail(frame: Outgoing) -> Iterable[Outgoing]:
         raise RuntimeError("on purpose")

@@ -9,7 +9,8 @@ import socket
 import struct
 import sys
 from collections.abc import Callable, Coroutine
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from threading import Thread
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -105,6 +106,39 @@ def retrieve_exception(task: asyncio.Future[Any]) -> None:
     """Mark the exception of an ended task as retrieved, so that asyncio does not log it."""
     if not task.cancelled():
         task.exception()
+
+
+class ThreadPerCall(ThreadPoolExecutor):
+    """An executor that runs each call in a daemon thread of its own.
+
+    As the default executor of an event loop, it looks up host names: the name of a robot that is
+    off blocks its thread for 5 to 20 s, which must delay neither another robot nor the end of the
+    program.
+    """
+
+    def submit(self, function: Callable[..., T], /, *args: Any, **options: Any) -> Future[T]:
+        future: Future[T] = Future()
+
+        def run() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
+            try:
+                future.set_result(function(*args, **options))
+            except BaseException as error:
+                future.set_exception(error)
+
+        Thread(target=run, daemon=True).start()
+        return future
+
+
+def run_program(work: Coroutine[Any, Any, T]) -> T:
+    """Run the main coroutine of a program, like `asyncio.run`, but with `ThreadPerCall`."""
+
+    async def main() -> T:
+        asyncio.get_running_loop().set_default_executor(ThreadPerCall())
+        return await work
+
+    return asyncio.run(main())
 
 
 LARGE = 64 * 1024

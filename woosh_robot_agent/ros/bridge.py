@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 from rclpy.qos import QoSProfile
 
-from woosh_robot_agent.link.tasks import start_task
+from woosh_robot_agent.link.tasks import ThreadPerCall, start_task
 from woosh_robot_agent.ros.entities import DeferredCallback, UrgentCallbackGroup
 from woosh_robot_agent.ros.logs import log_as
 from woosh_robot_agent.ros.qos import SERVICE_QOS
@@ -37,6 +37,7 @@ class LoopThread:
     def __init__(self) -> None:
         self._selector = _TimedSelector()
         self.loop = asyncio.SelectorEventLoop(self._selector)
+        self.loop.set_default_executor(ThreadPerCall())
         self._thread = threading.Thread(target=self._main, name="link", daemon=True)
         self._thread.start()
 

@@ -135,6 +135,8 @@ class SimulatorThread:
             concurrent.futures.TimeoutError: the call has taken more than 60 s.
         """
         simulator = self._simulator
+        if threading.current_thread() is self._thread:  # e.g. in a function given to `intercept`
+            return do(simulator)
 
         async def run() -> T:
             result = do(simulator)
@@ -202,6 +204,9 @@ class SimulatorThread:
         return self._ready.result(_CALL_TIMEOUT)
 
     def _await(self, coroutine: Coroutine[Any, Any, T], timeout: float | None = None) -> T:
+        if threading.current_thread() is self._thread:
+            coroutine.close()
+            raise RuntimeError("this would wait for its own thread: call it in another one")
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(timeout)
 
     def _run(self) -> None:

@@ -8,12 +8,12 @@ import contextvars
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
+from woosh_robot_agent.link.tasks import ThreadPerCall
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 from woosh_robot_agent.tools.options import Address, add_link_options, link_config, stop_event
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
@@ -49,9 +49,8 @@ class Connector:
 
     def start(self) -> None:
         """Start connecting to the robots, and to the broker once each robot is known."""
-        # connecting to a broker that is off blocks a thread, and host names need threads, too
-        executor = ThreadPoolExecutor(2 * len(self._vehicles) + 8)
-        asyncio.get_running_loop().set_default_executor(executor)
+        # connecting to a broker that is off blocks a thread, too
+        asyncio.get_running_loop().set_default_executor(ThreadPerCall())
         for vehicle, context in self._vehicles:
             context.run(vehicle.start)
 

@@ -255,6 +255,8 @@ class Actions:
         if self._is_stopping:
             run.abort(STOPPING)
             return run
+        # not in `run`, which begins later before Python 3.12: the next goal has to count this one
+        action.context.open_goals.append(run)
         task = start_task(run.run(), name=f"goal: {run.name}")
         self._runs[task] = run
         task.add_done_callback(self._runs.pop)

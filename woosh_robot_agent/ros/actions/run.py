@@ -170,8 +170,7 @@ class GoalRun:
         self._events.put_nowait(event)
 
     async def run(self) -> None:
-        """Run the goal; it has ended when this returns."""
-        self._context.open_goals.append(self)
+        """Run the goal, which must be among the open ones; it has ended when this returns."""
         try:
             end = await self._send()
         except BadFieldError as error:
