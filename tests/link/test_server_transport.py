@@ -130,7 +130,7 @@ async def test_late_answer_to_a_handshake_is_no_late_handshake(
     late = {"before_handshake": lambda: asyncio.sleep(1.0)}
     listener = await serve_websocket(send, "127.0.0.1", 0, max_size=1000, **late)
     client = await open_transport(config(listener.port, transport="websocket"))
-    assert await soon(client.recv()) == b"now"
+    assert await soon(client.recv()) in (b"now", "now")  # text before websockets 14
     await client.close()
     await listener.close()
 

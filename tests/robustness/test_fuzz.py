@@ -110,7 +110,7 @@ async def test_no_extreme_value_stops_a_program_that_shows_the_robot(
 
     async with Peer(script=answer) as peer:
         shared = Parts()
-        shown = Robot(peer.config(), shared, control=True, scan_rate=200.0, update_period=0.0)
+        shown = Robot(peer.config(), shared, control=True, scan_rate=200.0)
         Control(shown, ControlConfig())
         shown.start()
         shown.parts.watch(object(), lambda names: None)

@@ -216,6 +216,9 @@ class TcpServerTransport(TcpTransport):
     async def send_raw(self, data: bytes) -> None:
         await self._write(data)
 
+    def abort(self) -> None:
+        abort_transport(self._writer.transport)  # a server sends no commands
+
     # asyncio's transport of the writer also reads
 
     def pause(self) -> None:

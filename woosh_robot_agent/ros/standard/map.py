@@ -182,6 +182,7 @@ class Map(Part):
 
     def _snapshot(self, info: RobotInfo) -> None:
         """Process the first RobotInfo of a link."""
+        # problems are logged once for each link, even if good and bad maps alternate
         self._log.clear()
         if info.HasField("scene"):
             self._scene_reported(info.scene)
@@ -264,7 +265,6 @@ class Map(Part):
         if is_outdated or self._growing.active:
             return
         self._retry.reset()
-        self._log.clear("map")
         self._publisher.publish(message)
         if mask is not None:
             self._keepout_publisher.publish(mask)
