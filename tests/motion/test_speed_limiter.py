@@ -8,11 +8,14 @@ import math
 
 import pytest
 
-from tests.link.link_peer import Frame, Wire, eventually
-from tests.motion.gate_checks import answer_all, gated
+from tests.link.link_peer import Frame, Wire, eventually, turns
+from tests.motion.gate_checks import answer_all, feedback, gated, ok
 from woosh_robot_agent.motion import SpeedLimiter, speed_limiter
+from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 
 LIMIT = "woosh.robot.ChangeNavMode"
+FEEDBACKS = "woosh.ros.Feedbacks"
 TASK_PROC = "woosh.robot.TaskProc"
 
 
@@ -85,6 +88,31 @@ async def test_a_task_that_is_repeated_with_the_same_id_gets_the_limit_again() -
                 lambda count=count: [each["type"] for each in rig.wire.seen].count(LIMIT) == count
             )
             await rig.wire.push(TASK_PROC, {"robotTaskId": "7", "state": "kCompleted"})
+
+
+@pytest.mark.parametrize("earlier", ["task", "action"])
+async def test_the_limit_waits_for_the_navigation_if_only_a_query_has_told_the_end_of_the_last_one(
+    earlier: str,
+) -> None:
+    """Before that, a real robot refuses it."""
+
+    def limits() -> list[str]:
+        return [frame["type"] for frame in rig.wire.seen if "navMode" in frame.get("body", ())]
+
+    async with gated() as rig:
+        SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append).limit(0.3)
+        if earlier == "task":
+            await rig.wire.push(TASK_PROC, navigating(7))
+        else:
+            await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+        await eventually(lambda: len(limits()) == 1)
+        rig.gate.task_ended(7)
+        rig.gate.action_ended("MoveBase")
+        await ok(rig.gate.request(CallAction(move_base=MoveBase(action=kExecute))))
+        await turns()
+        assert len(limits()) == 1
+        await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+        await eventually(lambda: limits()[1:] == [CallAction.DESCRIPTOR.full_name])
 
 
 async def test_a_limit_that_may_not_be_sent_is_logged_once(

@@ -71,24 +71,18 @@ class Rig:
             patch.setattr(standstill, "LIMIT", self._limit)
             patch.setattr(who_drives, "OVERLAP", self._overlap)
             patch.setattr(refusals, "CODE_DELAY", self._code_delay)
-            async with self._connected():
-                yield self
-
-    @contextlib.asynccontextmanager
-    async def _connected(self) -> AsyncIterator[None]:
-        async with self.peer:
-            client = self.peer.client()
-            self.last_known = LastKnown(client)
-            self.gate = MotionGate(client, lambda: len(self.goals))
-            self.explainer = refusals.RefusalExplainer(client, self.last_known)
-            self.watch = Watch(
-                client, self.gate, self.last_known, self.explainer, lambda: self.goals
-            )
-            async with client:
-                await eventually(lambda: self.last_known.get("woosh.robot.RobotInfo"))
-                self.client = client
-                self.wire = await self.peer.wire()
-                yield
+            async with self.peer:
+                client = self.client = self.peer.client()
+                self.last_known = LastKnown(client)
+                self.gate = MotionGate(client, lambda: len(self.goals))
+                self.explainer = refusals.RefusalExplainer(client, self.last_known)
+                self.watch = Watch(
+                    client, self.gate, self.last_known, self.explainer, lambda: self.goals
+                )
+                async with client:
+                    await eventually(lambda: self.last_known.get("woosh.robot.RobotInfo"))
+                    self.wire = await self.peer.wire()
+                    yield self
 
     async def send(self, message: Any, source: str = "") -> Answer:
         return await self.gate.request(message, sender=Sender(source))

@@ -323,8 +323,7 @@ class Connection:
             waiting to be read. Must not block.
 
     Attributes:
-        config: timeouts and limits. A new configuration takes effect at once, except for
-            `liveness_timeout`.
+        config: timeouts and limits. Timeouts in a new configuration take effect at once.
         reads_ahead: True if frames that come after a large one may overtake it. It is False during
             the handshake, so that no push overtakes the RobotInfo, which would then replace newer
             values.

@@ -253,7 +253,7 @@ port scan would fill the log."""
 _SILENT.disabled = True
 
 _OPEN_TIMEOUT = 10.0
-"""Maximum time from the connection to the first request or a complete handshake, in seconds."""
+"""Maximum time from the connection to the first request, e.g. a handshake, in seconds."""
 _KEEPALIVE_TIMEOUT = 60.0
 """Time for which a connection is kept for further HTTP requests, in seconds."""
 _FINAL_FRAGMENT = 0x80
@@ -269,7 +269,7 @@ _DRAIN_POLL = 0.002
 class HttpConnection(asyncio.Protocol):
     """A connection that aiohttp serves, with two limits that aiohttp lacks.
 
-    1. A client that does not complete a request or a handshake in time is dropped.
+    1. A client that does not complete its first request in time, e.g. a handshake, is dropped.
     2. A WebSocket is closed as soon as more bytes have arrived than the largest message may have.
        aiohttp would receive all of the message first.
 

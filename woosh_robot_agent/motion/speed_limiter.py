@@ -187,6 +187,8 @@ class SpeedLimiter:
         """Note that a command of MoveBase may begin a navigation, and send the limit if needed."""
         message = command.message
         if isinstance(message, CallAction) and message.move_base.action == kExecute:
+            if not self._gate.reported_owner:  # a query has told the end of the last one
+                self._task_navigates = self._action_navigates = False
             self._begin()  # it may replace another navigation, whose end is not reported then
             self._send()
 

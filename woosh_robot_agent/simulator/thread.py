@@ -129,7 +129,8 @@ class SimulatorThread:
     def call(self, do: Callable[[SimulatedChassis], T]) -> T:
         """Call `do` in the simulator's thread. Return its result, or raise its exception.
 
-        If `do` begins or ends the fault `off`, the ports are closed or open when this returns.
+        If `do` begins or ends the fault `off`, the ports are closed or open when this returns,
+        except in the simulator's thread itself.
 
         Raises:
             concurrent.futures.TimeoutError: the call has taken more than 60 s.

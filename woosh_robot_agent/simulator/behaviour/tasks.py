@@ -217,7 +217,7 @@ class Tasks:
         """Cancel the task and the rest of its set. Between two tasks of a set, cancel the rest.
 
         With `next_after_cancel` in the profile, an ordered cancel ends only the task, unless it is
-        paused.
+        paused; between two tasks, it is refused.
 
         Args:
             reason: text of the report.
