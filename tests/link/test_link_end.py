@@ -259,14 +259,14 @@ async def test_an_attempt_cancelled_as_it_succeeds_leaves_no_socket(kind: str) -
 
 BLOCKED_LOOKUPS = """
 import asyncio, threading
-from woosh_robot_agent.link.tasks import run_program
+from woosh_robot_agent.link.tasks import run_main
 
 async def main():
     for _ in range(50):
         asyncio.get_running_loop().run_in_executor(None, threading.Event().wait)
     await asyncio.to_thread(print, "not blocked")
 
-run_program(main())
+run_main(main())
 """
 
 

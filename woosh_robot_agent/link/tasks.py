@@ -131,7 +131,7 @@ class ThreadPerCall(ThreadPoolExecutor):
         return future
 
 
-def run_program(work: Coroutine[Any, Any, T]) -> T:
+def run_main(work: Coroutine[Any, Any, T]) -> T:
     """Run the main coroutine of a program, like `asyncio.run`, but with `ThreadPerCall`."""
 
     async def main() -> T:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
-from woosh_robot_agent.link.tasks import run_program
+from woosh_robot_agent.link.tasks import run_main
 from woosh_robot_agent.tools.dashboard.access import (
     Role,
     TokenFileError,
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         control_config=ControlConfig(options.max_linear, options.max_angular),
     )
     log_to_stderr(logging.WARNING, "%(levelname)s: %(message)s")
-    return run_program(_run(robots, config))
+    return run_main(_run(robots, config))
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import printable
-from woosh_robot_agent.link.tasks import run_program
+from woosh_robot_agent.link.tasks import run_main
 from woosh_robot_agent.robot.clock import TOLERANCE
 from woosh_robot_agent.tools.doctor import SurveyError
 from woosh_robot_agent.tools.doctor.checks import (
@@ -148,7 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("--minutes and --with-names need --survey")
     if options.survey and (config.transport, config.encoding) != ("websocket", "json"):
         parser.error("--survey needs --transport websocket and --encoding json")
-    return run_program(_run(config, options))
+    return run_main(_run(config, options))
 
 
 def _minutes(text: str) -> float:

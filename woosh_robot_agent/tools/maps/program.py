@@ -12,7 +12,7 @@ from pathlib import Path
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.config import MIB
 from woosh_robot_agent.link.reports import printable
-from woosh_robot_agent.link.tasks import run_program
+from woosh_robot_agent.link.tasks import run_main
 from woosh_robot_agent.program import INTERRUPTED
 from woosh_robot_agent.tools.maps import commands
 from woosh_robot_agent.tools.maps.scene_folder import MapsError
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Silence the link's log: the program prints the errors itself.
     logging.getLogger("woosh_robot_agent").addHandler(logging.NullHandler())
     try:
-        run_program(_run(config, options))
+        run_main(_run(config, options))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED

@@ -15,7 +15,7 @@ from rich.live import Live
 
 from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.link import ChassisClient, LinkConfig
-from woosh_robot_agent.link.tasks import run_program, run_with_timeout
+from woosh_robot_agent.link.tasks import run_main, run_with_timeout
 from woosh_robot_agent.program import import_problem
 from woosh_robot_agent.tools.monitor.screen import draw, key_presses
 from woosh_robot_agent.tools.options import add_link_options, link_config, stop_event, tool_parser
@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(given[:ros_at])
     # Silence the link's log: the screen shows the state of the link.
     logging.getLogger("woosh_robot_agent").addHandler(logging.NullHandler())
-    return run_program(_run(_make_source(parser, options, given[ros_at:]), options))
+    return run_main(_run(_make_source(parser, options, given[ros_at:]), options))
 
 
 def _make_source(

@@ -28,7 +28,7 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.config import MIB, url_host
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reports import log_to_stderr, printable
-from woosh_robot_agent.link.tasks import run_program
+from woosh_robot_agent.link.tasks import run_main
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = link_config(parser, options)
     log_to_stderr(logging.INFO, "%(message)s")
     try:
-        return run_program(_run(config, options))
+        return run_main(_run(config, options))
     except RecordingError as error:
         print(printable(f"error: {error}"), file=sys.stderr)
         return 1
