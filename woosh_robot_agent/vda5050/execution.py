@@ -383,12 +383,16 @@ class Execution:
         Args:
             execute: executes a command about an action.
         """
+        if self.robot.status is not None and self.robot.status.emergency_stop:
+            self.drive.own_pause(False)  # so that no end of an action resumes the drive
         while commands := [*self._take_instant(), *self._poll_order()]:
             for command in commands:
                 if isinstance(command, Perform | EndAction):
                     execute(command)
                 elif isinstance(command, Drive):
                     self.drive.start(leg_task(command.leg, self.robot.position))
+                elif command is Control.RESUME:
+                    self.drive.end_own_pause()
                 else:
                     self.drive.want(command)
         self.speed.limit(self.order.speed_limit)

@@ -212,6 +212,14 @@ class TaskRunner:
         if self.id:
             self._controller.want(control)
 
+    def end_own_pause(self) -> None:
+        """Resume the task, unless somebody else has paused it."""
+        self._controller.end_own_pause()
+
+    def own_pause(self, own: bool) -> None:
+        """Take over a pause by somebody else, or leave an own pause to somebody else."""
+        self._controller.own_pause(own)
+
     # Commands
 
     def _set_current(self, task_id: int) -> None:
