@@ -8,8 +8,9 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from tests.asynchronous import eventually
+from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
+from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import EXEC, ORDER, Site, task_to
 from tests.vda5050.master import (
     START,
@@ -19,6 +20,7 @@ from tests.vda5050.master import (
     node,
     nodes_left,
     result_of,
+    status_of,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
@@ -92,6 +94,35 @@ async def test_a_task_that_somebody_cancels_is_an_error_and_not_repeated(site: S
         state = await master.error("drivingError")
         assert nodes_left(state) == "b"
         assert site.chassis.counts[EXEC] == 1
+
+
+@pytest.mark.parametrize("kind", ["step", "startCharging"])
+@pytest.mark.parametrize("instant", [False, True])
+async def test_an_order_does_not_go_on_when_somebody_stops_an_action(
+    site: Site, kind: str, instant: bool
+) -> None:
+    """Nor does an action begin that waits for the end of the first one."""
+    x, y = -9.5, 0.5
+    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(x, y, 0.0)))
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    set_speed(site.chassis, 0.5)
+    parameters = {"distance": 1.0, "speed": 0.02} if kind == "step" else {}
+    work = [action(kind, each, blocking="SOFT", **parameters) for each in ("one", "two")]
+    async with site.online() as master, site.other_client() as gate:
+        if instant:
+            master.instant(work.pop(0))
+            await master.status("one", "RUNNING")
+        master.order([node("a", 0, x, y, actions=work), node("b", 2, -8.0, y)])
+        await master.wait_state(lambda state: status_of(state, "two") and state["driving"])
+        assert (await gate.stop(TIMEOUT)).success
+        state = await master.error("interruptedError")
+        assert status_of(state, "one") == "FAILED"
+        set_speed(site.chassis, 20.0)
+        master.instant(action("cancelOrder", "c"))
+        ended = await master.status("c", "FINISHED")
+        assert status_of(ended, "two") == "FAILED"
+    sent = [each for each in commands(site.chassis) if "cancel" not in each]
+    assert sent == (["step_control execute"] if kind == "step" else ["charge C1"])
 
 
 @asynccontextmanager
