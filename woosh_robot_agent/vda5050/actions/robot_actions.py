@@ -119,7 +119,7 @@ async def stop_charging(run: Run) -> None:
         # a robot that has just confirmed the charge goes on charging after its task
         await run.link.conditions.wait(lambda: not robot.is_charging, _CANCEL_TIMEOUT)
         await run.link.conditions.wait(lambda: run.link.ready, _CHARGE_TIMEOUT)
-        await run.wait_until_resumed()
+        await run.wait_until_permitted()
     if robot.is_charging:
         await run.call(ChargeControl(execute_mode=ChargeControl.kExit))
     await run.wait(

@@ -180,7 +180,7 @@ class ActionRunner:
         run = Run(action, report, self._execution, self._reports, self._log_folder)
         try:
             if definition.type.pausable:
-                await run.wait_until_resumed()
+                await run.wait_until_permitted()
                 report(ActionStatus.INITIALIZING)  # RUNNING once the robot has accepted it
             else:
                 report(ActionStatus.RUNNING)
