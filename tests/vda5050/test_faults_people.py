@@ -22,10 +22,10 @@ from tests.vda5050.master import (
     result_of,
     status_of,
 )
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_robot_agent.pb.util import action_pb2, task_pb2
+from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 STRAIGHT = StepControl.Step(mode=StepControl.Step.kStraight, value=0.4, speed=0.02)
@@ -144,6 +144,18 @@ async def test_an_order_waits_for_the_task_of_somebody_else(site: Site) -> None:
         ended = await master.reached("b")
         assert ended["errors"] == []
     assert site.chassis.counts[EXEC] == 2
+
+
+async def test_an_order_waits_while_the_robot_follows_somebody(site: Site) -> None:
+    async with site.online() as master, site.other_client() as gate:
+        assert (await gate.request(Follow(type=True))).ok
+        await eventually(lambda: site.chassis.state.info.state == robot_pb2.kFollowing)
+        master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
+        await master.error("robotBusyError")
+        assert site.chassis.counts[EXEC] == 0
+        assert (await gate.request(Follow())).ok
+        ended = await master.reached("b")
+        assert ended["errors"] == []
 
 
 async def test_an_order_waits_for_the_step_of_somebody_else_beside_an_own_action(

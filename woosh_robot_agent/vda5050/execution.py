@@ -177,6 +177,9 @@ class Execution:
         """True if something other than the order and the vehicle's actions drives the robot."""
         if self.order.driving or self.drive.id:  # without an order: a task that began too late
             return False
+        info = self.robot.info
+        if info is not None and info.state == robot.kFollowing:  # it follows a person
+            return True
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
             return foreign_id != own_id  # for `drive`, the task of an action is foreign too
