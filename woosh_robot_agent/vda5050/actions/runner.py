@@ -123,7 +123,7 @@ class ActionRunner:
                 self._end(action, reason)
 
     def _end_forgotten(self) -> None:
-        """End the instant actions that move something and wait for a robot that has gone.
+        """End the instant actions that move something and have not begun on a robot that has gone.
 
         Otherwise they might begin when the robot is switched on hours later.
         """
@@ -131,9 +131,10 @@ class ActionRunner:
         chassis = execution.link.chassis
         if execution.link.ready or time.time() < chassis.since + _MAX_LOSS:
             return
-        for action in tuple(self._waiting.values()):
-            is_instant = not execution.order.has_action(action.id)
-            if is_instant and ACTIONS[action.type].type.pausable:
+        early = (ActionStatus.WAITING, ActionStatus.INITIALIZING)
+        not_begun = {each.id for each in execution.instant.states if each.status in early}
+        for action in (*self._waiting.values(), *execution.active.values()):
+            if action.id in not_begun and ACTIONS[action.type].type.pausable:
                 self._end(action, UNSENT)
 
     def poll(self) -> None:
