@@ -26,7 +26,7 @@ from tests.vda5050.master import (
     status_of,
 )
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
 from woosh_robot_agent.pb.util import action_pb2
@@ -110,6 +110,65 @@ async def test_stop_pause_also_ends_a_pause_from_elsewhere(site: Site) -> None:
         await master.status("s", "FINISHED")
         await master.reached("b")
     assert commands(site.chassis) == ["drive", "continue"]
+
+
+@pytest.mark.parametrize(
+    ("by", "when"), [("button", "before"), ("stop", "before"), ("stop", "during")]
+)
+async def test_the_end_of_an_action_does_not_resume_a_drive_that_people_have_stopped(
+    site: Site, by: str, when: str
+) -> None:
+    held: list[Release] = []
+
+    def hold_speech(out: Outgoing) -> list[Outgoing]:
+        if out.request == full_name(Speak):
+            return [replace(out, hold=lambda client, release: held.append(release))]
+        return [out]
+
+    async def begin_to_speak() -> None:
+        master.instant(action("speak", "words", text="caution"))
+        await eventually(lambda: held)
+
+    site.chassis.intercept(hold_speech)
+    async with site.online() as master:
+        await site.drive(master)
+        if when == "during":
+            await begin_to_speak()
+        if by == "button":
+            site.chassis.call(lambda simulator: simulator.chassis.tasks.pause(by, ordered=True))
+            await master.wait_state(lambda state: state["paused"])
+        else:
+            site.chassis.set_emergency_stop(True)
+            await master.wait_state(lambda state: state["safetyState"]["eStop"] == "MANUAL")
+            site.chassis.set_emergency_stop(False)
+            await master.wait_state(lambda state: state["safetyState"]["eStop"] == "NONE")
+        if when == "before":
+            await begin_to_speak()
+        site.chassis.call(lambda simulator: held[0]())
+        await master.status("words", "FINISHED")
+        await master.wait_state(lambda state: state["paused"])
+        master.instant(action("stateRequest", "r"))
+        await master.status("r", "FINISHED")
+        sent = commands(site.chassis)
+        assert sent == (["drive"] if when == "before" else ["drive", "pause"])
+        set_speed(site.chassis, 20.0)
+        master.instant(action("stopPause", "s"))
+        await master.reached("b")
+    assert commands(site.chassis) == [*sent, "continue"]
+
+
+async def test_a_drive_that_people_resume_during_an_action_goes_on_after_it(site: Site) -> None:
+    async with site.online() as master, site.other_client() as gate:
+        await site.drive(master)
+        assert (await gate.request(ActionOrder(order=action_pb2.kPause))).ok
+        await master.wait_state(lambda state: state["paused"])
+        master.instant(action("liftTo", "lift", height=0.1, speed=0.1))
+        await master.status("lift", "RUNNING")
+        assert (await gate.request(ActionOrder(order=action_pb2.kContinue))).ok
+        await eventually(lambda: commands(site.chassis)[3:] == ["continue", "pause"])
+        set_speed(site.chassis, 20.0)
+        await master.reached("b")
+    assert commands(site.chassis)[5:] == ["continue"]
 
 
 async def at_full_speed(

@@ -175,6 +175,21 @@ async def test_a_pause_while_the_robot_is_asked_for_its_chargers_holds_back_the_
     assert commands(site.chassis) == ["drive", "charge C1"]
 
 
+async def test_an_order_goes_on_if_its_charging_is_stopped_before_it_charges(site: Site) -> None:
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    set_speed(site.chassis, 0.5)
+    async with site.online() as master:
+        charge = action("startCharging", "charge", blocking="SOFT")
+        master.order([node("a", 0, -9.5, 0.5, actions=[charge]), node("b", 2, -8.0, 0.5)])
+        await master.wait_state(lambda state: state["driving"])
+        master.instant(action("stopCharging", "stop", blocking="SOFT"))
+        await eventually(lambda: "cancel" in commands(site.chassis))
+        set_speed(site.chassis, 20.0)
+        ended = await master.reached("b")
+        assert (status_of(ended, "charge"), status_of(ended, "stop")) == ("FAILED", "FINISHED")
+
+
 async def test_charging_without_a_charger_fails(site: Site) -> None:
     async with site.online() as master:
         master.instant(

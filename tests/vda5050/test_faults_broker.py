@@ -14,6 +14,7 @@ import pytest
 from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
 from tests.vda5050.broker import Mosquitto
+from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import EXEC, LEG, Site
 from tests.vda5050.master import START, Master, action, error_types, node, nodes_left, status_of
 from tests.vda5050.programs import running_connector
@@ -160,6 +161,24 @@ async def test_two_connectors_of_a_robot_are_detected(site: Site) -> None:
             "the other connector to be gone",
         )
         await eventually(lambda: master.last("connection")["connectionState"] == "ONLINE")
+
+
+async def test_a_step_that_waits_does_not_begin_beside_a_second_connector(site: Site) -> None:
+    set_speed(site.chassis, 0.5)
+    async with site.online() as master:
+        steps = {"blocking": "SOFT", "distance": 0.2, "speed": 0.02}
+        master.instant(action("step", "one", **steps), action("step", "two", **steps))
+        await master.status("one", "RUNNING")
+        await master.status("two", "INITIALIZING")
+        master.send("connection", {"connectionState": "ONLINE"})
+        await master.error("secondConnectorError")
+        set_speed(site.chassis, 20.0)
+        await master.status("one", "FINISHED")
+        master.instant(action("stateRequest", "r"))
+        await master.status("r", "FINISHED")
+        assert commands(site.chassis) == ["step_control execute"]
+        master.send("connection", {"connectionState": "OFFLINE"})
+        await master.status("two", "FINISHED")
 
 
 def reports_with(header_ids: HeaderIds) -> tuple[Reports, MqttConnection]:

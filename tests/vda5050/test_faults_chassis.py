@@ -121,6 +121,24 @@ async def test_a_step_that_comes_during_a_long_loss_of_the_link_is_not_begun_lat
     assert len(received(site.chassis, CallAction)) == (1 if is_long else 2)
 
 
+async def test_a_step_that_waits_for_another_is_not_begun_after_a_long_loss_of_the_link(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_speed(site.chassis, 0.2)
+    async with site.online() as master:
+        steps = {"blocking": "SOFT", "distance": 0.2, "speed": 0.02}
+        master.instant(action("step", "one", **steps), action("step", "two", **steps))
+        await master.status("one", "RUNNING")
+        await master.status("two", "INITIALIZING")
+        monkeypatch.setattr(runner, "_MAX_LOSS", 0.0)
+        async with site.without_link(master):
+            state = await master.status("two", "FAILED")
+            assert status_of(state, "one") == "RUNNING"
+        set_speed(site.chassis, 20.0)
+        await master.status("one", "FINISHED")
+    assert len(received(site.chassis, CallAction)) == 1
+
+
 async def test_an_order_that_comes_without_a_link_does_not_start_elsewhere(site: Site) -> None:
     """Even if the first report of the new link is so large that it takes time to be decoded."""
     large = "x" * LARGE

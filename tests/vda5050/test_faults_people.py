@@ -8,8 +8,9 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from tests.asynchronous import eventually
+from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
+from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import EXEC, ORDER, Site, task_to
 from tests.vda5050.master import (
     START,
@@ -19,11 +20,12 @@ from tests.vda5050.master import (
     node,
     nodes_left,
     result_of,
+    status_of,
 )
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
-from woosh_robot_agent.pb.util import action_pb2, task_pb2
+from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
 from woosh_robot_agent.simulator.world.geometry import Pose
 
 STRAIGHT = StepControl.Step(mode=StepControl.Step.kStraight, value=0.4, speed=0.02)
@@ -94,6 +96,35 @@ async def test_a_task_that_somebody_cancels_is_an_error_and_not_repeated(site: S
         assert site.chassis.counts[EXEC] == 1
 
 
+@pytest.mark.parametrize("kind", ["step", "startCharging"])
+@pytest.mark.parametrize("instant", [False, True])
+async def test_an_order_does_not_go_on_when_somebody_stops_an_action(
+    site: Site, kind: str, instant: bool
+) -> None:
+    """Nor does an action begin that waits for the end of the first one."""
+    x, y = -9.5, 0.5
+    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(x, y, 0.0)))
+    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    set_speed(site.chassis, 0.5)
+    parameters = {"distance": 1.0, "speed": 0.02} if kind == "step" else {}
+    work = [action(kind, each, blocking="SOFT", **parameters) for each in ("one", "two")]
+    async with site.online() as master, site.other_client() as gate:
+        if instant:
+            master.instant(work.pop(0))
+            await master.status("one", "RUNNING")
+        master.order([node("a", 0, x, y, actions=work), node("b", 2, -8.0, y)])
+        await master.wait_state(lambda state: status_of(state, "two") and state["driving"])
+        assert (await gate.stop(TIMEOUT)).success
+        state = await master.error("interruptedError")
+        assert status_of(state, "one") == "FAILED"
+        set_speed(site.chassis, 20.0)
+        master.instant(action("cancelOrder", "c"))
+        ended = await master.status("c", "FINISHED")
+        assert status_of(ended, "two") == "FAILED"
+    sent = [each for each in commands(site.chassis) if "cancel" not in each]
+    assert sent == (["step_control execute"] if kind == "step" else ["charge C1"])
+
+
 @asynccontextmanager
 async def waiting_for(task: ExecTask, site: Site) -> AsyncIterator[Master]:
     """A master control whose order waits, because another client has started a task."""
@@ -113,6 +144,18 @@ async def test_an_order_waits_for_the_task_of_somebody_else(site: Site) -> None:
         ended = await master.reached("b")
         assert ended["errors"] == []
     assert site.chassis.counts[EXEC] == 2
+
+
+async def test_an_order_waits_while_the_robot_follows_somebody(site: Site) -> None:
+    async with site.online() as master, site.other_client() as gate:
+        assert (await gate.request(Follow(type=True))).ok
+        await eventually(lambda: site.chassis.state.info.state == robot_pb2.kFollowing)
+        master.order([node("a", 0, *START), node("b", 2, 6.0, -7.0)])
+        await master.error("robotBusyError")
+        assert site.chassis.counts[EXEC] == 0
+        assert (await gate.request(Follow())).ok
+        ended = await master.reached("b")
+        assert ended["errors"] == []
 
 
 async def test_an_order_waits_for_the_step_of_somebody_else_beside_an_own_action(

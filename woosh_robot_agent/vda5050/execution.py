@@ -177,6 +177,9 @@ class Execution:
         """True if something other than the order and the vehicle's actions drives the robot."""
         if self.order.driving or self.drive.id:  # without an order: a task that began too late
             return False
+        info = self.robot.info
+        if info is not None and info.state == robot.kFollowing:  # it follows a person
+            return True
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
             return foreign_id != own_id  # for `drive`, the task of an action is foreign too
@@ -383,12 +386,16 @@ class Execution:
         Args:
             execute: executes a command about an action.
         """
+        if self.robot.status is not None and self.robot.status.emergency_stop:
+            self.drive.own_pause(False)  # so that no end of an action resumes the drive
         while commands := [*self._take_instant(), *self._poll_order()]:
             for command in commands:
                 if isinstance(command, Perform | EndAction):
                     execute(command)
                 elif isinstance(command, Drive):
                     self.drive.start(leg_task(command.leg, self.robot.position))
+                elif command is Control.RESUME:
+                    self.drive.end_own_pause()
                 else:
                     self.drive.want(command)
         self.speed.limit(self.order.speed_limit)

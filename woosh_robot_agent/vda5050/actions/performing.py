@@ -89,9 +89,12 @@ class Run:
             ActionFailedError: the action failed.
         """
         calls = self.execution.calls
-        while calls.executes(command):
-            await self.link.conditions.wait(lambda: not calls.executes(command))
-            await self.wait_until_resumed()
+
+        def may_begin() -> bool:
+            return self._is_permitted and not calls.executes(command)
+
+        while not may_begin():
+            await self.link.conditions.wait(may_begin)
         return await calls.perform(command, self.report)
 
     async def wait(self, condition: Callable[[], bool], timeout: float, failure: str) -> None:
@@ -104,14 +107,23 @@ class Run:
         if not await self.link.conditions.wait(condition, timeout):
             raise ActionFailedError(failure)
 
-    async def wait_until_resumed(self) -> None:
-        """Wait while the vehicle is paused: a startPause may come after the action began."""
-        execution = self.execution
-        while execution.pause_wanted:  # the next pause may come before this coroutine goes on
-            await self.link.conditions.wait(lambda: not execution.pause_wanted)
+    @property
+    def _is_permitted(self) -> bool:
+        """False while the vehicle is paused, or has a second connector.
+
+        Both may come after the action began.
+        """
+        return self.execution.is_only_connector and not self.execution.pause_wanted
+
+    async def wait_until_permitted(self) -> None:
+        """Wait while the vehicle is paused, or has a second connector."""
+        while not self._is_permitted:  # the next pause may come before this coroutine goes on
+            await self.link.conditions.wait(lambda: self._is_permitted)
 
     async def wait_for_tasks(self) -> None:
-        """Wait until the robot has left its last task, and while the vehicle is paused.
+        """Wait until the robot has left its last task and may begin one.
+
+        It may begin none while the vehicle is paused, or has a second connector.
 
         The robot executes one task at a time. When this returns, begin the next task without
         waiting for anything else.
@@ -123,7 +135,7 @@ class Run:
 
         def may_start() -> bool:
             is_busy = execution.tasks.is_busy or execution.drive.is_late
-            return not (is_busy or execution.is_leaving_task or execution.pause_wanted)
+            return self._is_permitted and not (is_busy or execution.is_leaving_task)
 
         self.require_not_driving_order()
         while not may_start():

@@ -111,13 +111,15 @@ async def stop_charging(run: Run) -> None:
     if info is None:
         raise ActionFailedError(NO_STATE())
     if info.task_proc.type == task.kCharge and is_unfinished(info.task_proc):
+        run.execution.tasks.ended_by_action = True
         answer = await run.link.command(ActionOrder(order=action_pb2.kCancel))
         if not answer.ok:
+            run.execution.tasks.ended_by_action = False
             raise ActionFailedError(_NOT_ENDED(reason=answer.reason))
         # a robot that has just confirmed the charge goes on charging after its task
         await run.link.conditions.wait(lambda: not robot.is_charging, _CANCEL_TIMEOUT)
         await run.link.conditions.wait(lambda: run.link.ready, _CHARGE_TIMEOUT)
-        await run.wait_until_resumed()
+        await run.wait_until_permitted()
     if robot.is_charging:
         await run.call(ChargeControl(execute_mode=ChargeControl.kExit))
     await run.wait(

@@ -24,7 +24,7 @@ from woosh_robot_agent.vda5050.messages.state import (
 )
 from woosh_robot_agent.vda5050.messages.versions import Version
 from woosh_robot_agent.vda5050.orders.actions import count_startable
-from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
+from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform, need_standstill
 from woosh_robot_agent.vda5050.reports import Reports
 from woosh_robot_agent.vda5050.robot.tasks import UNSENT
 
@@ -113,17 +113,17 @@ class ActionRunner:
             self._end_reasons[action.id] = reason
             self._tasks[action.id].cancel()
 
-    def _end_motion(self) -> None:
-        """End the actions that move something: the robot is not in automatic mode.
+    def _end_motion(self, reason: str) -> None:
+        """End the actions that move something, because people have stopped the robot.
 
-        Otherwise the robot might go on with them when people switch it back.
+        Otherwise it might begin them at once, or go on with them in automatic mode.
         """
         for action in (*self._waiting.values(), *self._execution.active.values()):
             if ACTIONS[action.type].type.pausable:
-                self._end(action, NOT_AUTOMATIC())
+                self._end(action, reason)
 
     def _end_forgotten(self) -> None:
-        """End the instant actions that move something and wait for a robot that has gone.
+        """End the instant actions that move something and have not begun on a robot that has gone.
 
         Otherwise they might begin when the robot is switched on hours later.
         """
@@ -131,9 +131,10 @@ class ActionRunner:
         chassis = execution.link.chassis
         if execution.link.ready or time.time() < chassis.since + _MAX_LOSS:
             return
-        for action in tuple(self._waiting.values()):
-            is_instant = not execution.order.has_action(action.id)
-            if is_instant and ACTIONS[action.type].type.pausable:
+        early = (ActionStatus.WAITING, ActionStatus.INITIALIZING)
+        not_begun = {each.id for each in execution.instant.states if each.status in early}
+        for action in (*self._waiting.values(), *execution.active.values()):
+            if action.id in not_begun and ACTIONS[action.type].type.pausable:
                 self._end(action, UNSENT)
 
     def poll(self) -> None:
@@ -144,7 +145,7 @@ class ActionRunner:
         """
         execution = self._execution
         if not execution.robot.is_automatic:
-            self._end_motion()
+            self._end_motion(NOT_AUTOMATIC())
         self._end_forgotten()
         waiting: Iterable[Action] = self._waiting.values()
         if execution.link.is_closing or not execution.may_act:
@@ -180,7 +181,7 @@ class ActionRunner:
         run = Run(action, report, self._execution, self._reports, self._log_folder)
         try:
             if definition.type.pausable:
-                await run.wait_until_resumed()
+                await run.wait_until_permitted()
                 report(ActionStatus.INITIALIZING)  # RUNNING once the robot has accepted it
             else:
                 report(ActionStatus.RUNNING)
@@ -202,6 +203,8 @@ class ActionRunner:
         _LOG.warning("%s failed: %s", action.type, reason)
         self._execution.action_failed(action, reason, kind)
         self._ended(action, ActionStatus.FAILED, reason)
+        if kind is ErrorType.INTERRUPTED and need_standstill((action,)):
+            self._end_motion(_ENDED)
 
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
         """Forget an action that has ended, and store its final status and result."""

@@ -81,7 +81,8 @@ class _Call:
             moves the base, because its pause is repeated until the robot stands.
         ended: future that is done when the action has ended. Its result is the reason of the
             failure, or an empty text after a success.
-        outcome_unknown: True if the robot does not tell how the action ended.
+        interrupts: True if an order must not go on after the action: the robot does not tell how it
+            ended, or it was cancelled at the robot.
         is_leftover: True if the action was started before a restart of the program.
         result: text of the last report.
         controller: pauses, resumes and cancels the action.
@@ -96,7 +97,7 @@ class _Call:
         self.accepted = False
         self.reported = False
         self.cannot_pause = False
-        self.outcome_unknown = False
+        self.interrupts = False
         self.is_leftover = False
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self.result = ""
@@ -213,7 +214,8 @@ class RobotCalls:
             report: called when the robot accepts, pauses or resumes the action.
 
         Raises:
-            ActionFailedError: the action failed; of kind INTERRUPTED if its outcome is unknown.
+            ActionFailedError: the action failed; of kind INTERRUPTED if its outcome is unknown, or
+                if it was cancelled at the robot.
         """
         name = full_name(command)
         call = self._calls[name] = self._new_call(command, report)
@@ -232,7 +234,7 @@ class RobotCalls:
             del self._calls[name]
         if reason:
             raise ActionFailedError(
-                reason, ErrorType.INTERRUPTED if call.outcome_unknown else ErrorType.ACTION
+                reason, ErrorType.INTERRUPTED if call.interrupts else ErrorType.ACTION
             )
         return call.result
 
@@ -319,6 +321,7 @@ class RobotCalls:
             call.end("")
         elif report.state in _FAILURES:
             reason = _FAILURES[report.state]
+            call.interrupts = report.state == ros_pack_pb2.kRosCancel
             call.end(WITH_TEXT(reason=reason, text=report.msg) if report.msg else reason)
 
     def _update_paused(self, call: _Call, *, paused: bool) -> None:
@@ -411,7 +414,7 @@ class RobotCalls:
                 await self._link.wait_ready()
                 await self._link.ask(Feedbacks(), tap=take_answer)
                 if not (is_known or call.ended.done()) and clock() > deadline:
-                    call.outcome_unknown = True
+                    call.interrupts = True
                     call.end(_UNKNOWN())
                     if name in _MOVES_BASE:  # it may still move the robot
                         await self._cancel_unknown(call)

@@ -60,6 +60,8 @@ class Controller:
         """Command that the robot must obey; None without a command."""
         self._is_pause_pending = False
         """True if the last command was a pause that was not refused, and has had no effect yet."""
+        self._is_own_pause = False
+        """True from a pause that was sent, or was taken over, to the next resumption."""
         self._resumed_at = -math.inf
         """Loop time of a resumption whose effect was not reported yet; else minus infinity."""
         self._has_ended = False
@@ -78,6 +80,17 @@ class Controller:
         """Stop repeating a pause."""
         if self._wanted is Control.PAUSE:
             self._wanted = None
+
+    def end_own_pause(self) -> None:
+        """Resume, unless the task or action was paused by somebody else: then it stays paused."""
+        if self._is_own_pause:
+            self.want(Control.RESUME)
+        else:
+            self.withdraw_pause()
+
+    def own_pause(self, own: bool) -> None:
+        """Take over a pause by somebody else, or leave an own pause to somebody else."""
+        self._is_own_pause = own and (self._is_own_pause or self.paused)
 
     def update(self, paused: bool) -> bool:
         """Set `paused` and `stays_paused` by a report; return True if one of them has changed."""
@@ -115,7 +128,7 @@ class Controller:
         while (control := self._update_wanted()) is not None:
             self._wake.clear()
             if self._link.ready and self._may_send():
-                self._is_pause_pending = control is Control.PAUSE
+                self._is_pause_pending = self._is_own_pause = control is Control.PAUSE
                 if control is Control.RESUME:  # sent once
                     self._wanted, self.stays_paused = None, False
                     self._resumed_at = asyncio.get_running_loop().time()
@@ -133,7 +146,7 @@ class Controller:
         if self._has_ended:
             return None
         if self._wanted is Control.RESUME and not (self.paused or self._is_pause_pending):
-            self._wanted = None
+            self._wanted, self._is_own_pause = None, False
         if self._wanted is Control.PAUSE and self.stays_paused:
             return None
         return self._wanted
@@ -147,8 +160,10 @@ class Controller:
         except LinkError as error:
             self._log.warn(command, f"the {command} was not sent or not answered: {error}")
             is_unsent = isinstance(error, NotConnectedError | TooManyRequestsError)
-            if is_unsent and control is Control.RESUME and self._wanted is None:
-                self._wanted = control  # `_send_until_obeyed` tries again
+            if is_unsent and control is Control.RESUME:
+                self._is_own_pause = True
+                if self._wanted is None:
+                    self._wanted = control  # `_send_until_obeyed` tries again
         else:
             self.cancel_accepted |= answer.ok and control is Control.CANCEL
             if not answer.ok:

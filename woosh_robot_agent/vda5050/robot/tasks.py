@@ -145,6 +145,7 @@ class TaskRunner:
         foreign_id: id of the task that the robot executes, if it is not the current task of this
             runner; otherwise 0.
         confirmed: True once the robot has reported on the current task over the current link.
+        was_canceled: True if the last task was cancelled, by its last report.
         leaves_until: loop time until which the robot may still be in its last task.
     """
 
@@ -161,6 +162,7 @@ class TaskRunner:
         """Id of the last task that the robot did not know any more; 0 without one."""
         self.foreign_id = 0
         self.confirmed = False
+        self.was_canceled = False
         self.leaves_until = -math.inf
         self._controller = self._new_controller()
         link.chassis.subscribe(TaskProc, self._reported)
@@ -188,6 +190,7 @@ class TaskRunner:
         # by the clock, so that it is not the id of a task of an earlier run of the program
         request.task_id = max(self._last_id + 1, int(time.time() * 1000))
         self._set_current(request.task_id)
+        self.was_canceled = False
         self._link.background.start(self._start(request.task_id, request))
 
     def restore(self, task_id: int, info: RobotInfo) -> None:
@@ -211,6 +214,14 @@ class TaskRunner:
         """
         if self.id:
             self._controller.want(control)
+
+    def end_own_pause(self) -> None:
+        """Resume the task, unless somebody else has paused it."""
+        self._controller.end_own_pause()
+
+    def own_pause(self, own: bool) -> None:
+        """Take over a pause by somebody else, or leave an own pause to somebody else."""
+        self._controller.own_pause(own)
 
     # Commands
 
@@ -302,6 +313,7 @@ class TaskRunner:
         if report.state in _END_REASONS:
             reason = _END_REASONS[report.state]
             text = report.msg if reason else ""
+            self.was_canceled = report.state == task.kCanceled
             self._link.task_ended(self.id)
             self._end(self.id, WITH_TEXT(reason=reason, text=text) if text else reason)
             return
@@ -461,7 +473,11 @@ class TaskRunner:
 
 
 class ActionTasks:
-    """Executes the tasks of the vehicle's actions, one at a time."""
+    """Executes the tasks of the vehicle's actions, one at a time.
+
+    Attributes:
+        ended_by_action: True if another action ends the task that an action waits for.
+    """
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
@@ -473,6 +489,7 @@ class ActionTasks:
         """
         self._report: Callable[[ActionStatus], None] = lambda status: None
         """Called with the status of the action that waits for the task, or has waited last."""
+        self.ended_by_action = False
         self.has_leftover = False
         """True while the robot executes a task that an action started before a restart."""
 
@@ -558,12 +575,13 @@ class ActionTasks:
             is_done: returns True if the action need not wait for the end of the task.
 
         Raises:
-            ActionFailedError: the task failed; of kind INTERRUPTED if its outcome is unknown.
+            ActionFailedError: the task failed; of kind INTERRUPTED if its outcome is unknown, or if
+                it was cancelled at the robot.
         """
         if self.is_busy:
             raise ActionFailedError(_OTHER_ACTION())
         end: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        self._end, self._report = end, report
+        self._end, self._report, self.ended_by_action = end, report, False
         self._link.changed()  # so that `awaited_id` is saved before the task is sent
         self._task.start(request)
         report(ActionStatus.RUNNING)
@@ -577,9 +595,10 @@ class ActionTasks:
         finally:
             self._end = None
         if end.done() and end.result():
-            is_unknown = end.result() == _UNKNOWN_TASK
+            by_others = self._task.was_canceled and not self.ended_by_action
+            interrupts = by_others or end.result() == _UNKNOWN_TASK
             raise ActionFailedError(
-                end.result(), ErrorType.INTERRUPTED if is_unknown else ErrorType.ACTION
+                end.result(), ErrorType.INTERRUPTED if interrupts else ErrorType.ACTION
             )
 
     def _ended(self, reason: str) -> None:
