@@ -706,9 +706,12 @@ class MotionGate:
             self._stop_answered = min(self._stop_answered, now)
 
     def _link_changed(self, state: LinkState) -> None:
-        """Watch for stalls while there is a link or one is being opened."""
+        """Watch for stalls until the link is closed, also while it is lost.
+
+        Commands that wait for the end of a stall may be read when the link is ready again.
+        """
         self._keep_stop_while_lost()
-        if state in (LinkState.CONNECTING, LinkState.READY):
-            self._stalls.start()
-        else:
+        if state is LinkState.STOPPED:
             self._stalls.stop()
+        else:
+            self._stalls.start()
