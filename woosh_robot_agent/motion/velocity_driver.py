@@ -119,7 +119,8 @@ class VelocityDriver:
     1. Velocities beyond `MAX_VELOCITY` are refused; those beyond the limits are scaled down.
     2. While a goal, a task or an action drives the robot, velocities are refused, unless the limits
        have `override` set.
-    3. After a stop, velocities are refused until their sender pauses or sends a zero.
+    3. After a stop, or a call of `silence`, velocities are refused until their sender pauses or
+       sends a zero.
     4. On average at most `rate` velocities per second are sent, the newest one each time. The first
        zero is sent at once.
     5. Each velocity is sent at most once, none is kept for after a reconnect, and none is sent when
@@ -265,6 +266,16 @@ class VelocityDriver:
         """
         self.note_received(moves=True)
         self._log_refusal(kind, reason)
+
+    def silence(self, reason: str) -> None:
+        """Stop the robot if the stream drives it, and refuse velocities as after a stop (rule 3).
+
+        Args:
+            reason: why velocities are refused, for the log or `on_refused`.
+        """
+        if self._driving and self._gate.driving:  # otherwise a task may have taken over
+            self._send(Twist())
+        self._silence(reason)
 
     def end(self) -> None:
         """Stop the robot at once.
