@@ -44,6 +44,8 @@ class Stop(Part):
         reply.send(Trigger.Response(success=report.success, message=report.message))
 
 
+NUMBER = "publication_sequence_number"
+"""Key of the number that the sender gave a message, in rclpy's information about it."""
 _REPORT_PERIOD = 1.0
 """Minimum time between two reports that cmd_vel has several publishers, in seconds."""
 
@@ -110,20 +112,22 @@ class CmdVel(Part):
 
     def _drive_stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
         if objection := stamp_objection(self._context, message):
-            self._driver.refuse("age", objection)
+            self._driver.note_number(info.get(NUMBER))
+            self._driver.refuse("age", objection, self._clock.of_message(info, taken))
         else:
             self._drive(message.twist, info, taken)
 
     def _drive(self, velocity: Twist, info: Mapping[str, Any], taken: float) -> None:
         """Pass a velocity to the driver; report several senders, at most once a second."""
-        published = self._clock.of_message(info, taken)
+        number, published = info.get(NUMBER), self._clock.of_message(info, taken)
+        self._driver.note_number(number)
         values = (velocity.linear.x, velocity.linear.y, velocity.angular.z)
         if self._is_pressed and any(values):  # after a zero or a pause, too
-            self._driver.note_received(moves=True)
+            self._driver.note_received(True, published)
             self._driver.silence(EMERGENCY_STOP.reason)
         self._driver.drive(*values, published)
         now = time.monotonic()
-        are_several = self._publishers.observe(info.get("publication_sequence_number"), now)
+        are_several = self._publishers.observe(number, now)
         velocities = self._context.watch.velocities
         is_due = now - self._reported > _REPORT_PERIOD
         if is_due and are_several and velocities.are_driving(now):
