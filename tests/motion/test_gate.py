@@ -207,6 +207,22 @@ async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_
         assert speeds(rig.wire) == [0, 0]
 
 
+async def test_a_zero_that_is_refused_while_the_task_ends_is_sent_again() -> None:
+    """The report of the end comes just before the answer to the second zero."""
+
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        zeros = len(speeds(wire))
+        if is_zero(frame) and zeros == 2:
+            await wire.push("woosh.robot.TaskProc", {**RUNNING, "state": "kCanceled"})
+        return await (refuse_zeros if zeros <= 2 else answer_all)(wire, frame)
+
+    async with gated(chassis, effect=NEVER) as rig:
+        await begins_uncancelled(rig)
+        report = await soon(rig.gate.stop(TIMEOUT))
+        assert report.success
+        assert speeds(rig.wire) == [0, 0, 0]
+
+
 @pytest.mark.parametrize("state", ["kExecuting", "kPaused"])
 @pytest.mark.parametrize(
     "refuse", [refuse_zeros, refusing(lambda frame: is_zero(frame) or is_task_order(frame))]
