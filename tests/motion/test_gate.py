@@ -39,7 +39,7 @@ from woosh_robot_agent.link import (
     SupersededError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender
+from woosh_robot_agent.motion import MotionGate, MotionTiming, Sender, gate
 from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Speak, Twist
 from woosh_robot_agent.pb.ros.action_pb2 import LiftControl, kExecute
@@ -205,6 +205,22 @@ async def test_a_zero_that_is_refused_because_of_a_task_is_sent_again_after_the_
         assert report.success
         assert report.message.startswith("stopped; task cancelled")
         assert speeds(rig.wire) == [0, 0]
+
+
+async def test_a_zero_that_is_refused_while_the_task_ends_is_sent_again() -> None:
+    """The report of the end comes just before the answer to the second zero."""
+
+    async def chassis(wire: Wire, frame: Frame) -> bool:
+        zeros = len(speeds(wire))
+        if is_zero(frame) and zeros == 2:
+            await wire.push("woosh.robot.TaskProc", {**RUNNING, "state": "kCanceled"})
+        return await (refuse_zeros if zeros <= 2 else answer_all)(wire, frame)
+
+    async with gated(chassis, effect=NEVER) as rig:
+        await begins_uncancelled(rig)
+        report = await soon(rig.gate.stop(TIMEOUT))
+        assert report.success
+        assert speeds(rig.wire) == [0, 0, 0]
 
 
 @pytest.mark.parametrize("state", ["kExecuting", "kPaused"])
@@ -558,6 +574,45 @@ async def test_a_stop_ends_a_whole_task_set(when: str, second: int) -> None:
             await eventually(lambda stops=stops: len(types(rig.wire)) == sent + stops * ORDERS)
             await ends(number)
         await begins_uncancelled(rig)
+
+
+@pytest.mark.parametrize(
+    ("before", "is_told_first", "longest"),
+    [
+        ("a start", True, 30.0),
+        ("a task of a set", False, 30.0),
+        ("an accepted task", True, 30.0),
+        ("a start", True, 0.0),
+    ],
+)
+async def test_what_begins_during_a_loss_of_the_link_after_a_stop_is_cancelled(
+    before: str, is_told_first: bool, longest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loss lasts for longer than what is expected to begin after a stop takes to begin."""
+    monkeypatch.setattr(gate, "_LONGEST_LOSS", longest)
+    running = {"robotTaskId": f"{SET * 100 + 2}", "state": "kExecuting"}
+    async with gated(link={"backoff_min": 4.0, "backoff_max": 4.0}, hold=0.0, effect=1.0) as rig:
+        if before == "a start":
+            await ok(rig.gate.request(ExecTask(task_id=7)))
+        elif before == "a task of a set":
+            await begins_uncancelled(rig, SET * 100 + 1)
+        else:
+            received = rig.client.stats.rx
+            await rig.wire.push("woosh.robot.RobotState", {"state": "kTask"})
+            await eventually(lambda: rig.client.stats.rx > received)
+            await turns()
+        await soon(rig.gate.stop(TIMEOUT))
+        rig.peer.info = {"state": "kTask", **({"taskProc": running} if is_told_first else {})}
+        rig.wire.abort()
+        await rig.second_wire()
+        if not is_told_first:
+            await rig.wire.push("woosh.robot.TaskProc", running)
+        await eventually(lambda: rig.gate.owner)
+        if longest:
+            await eventually(lambda: len(types(rig.wire)) == ORDERS)
+        else:
+            await turns()
+            assert types(rig.wire) == []
 
 
 async def test_a_following_before_a_stop_is_no_start_of_a_task() -> None:

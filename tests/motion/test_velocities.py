@@ -381,10 +381,12 @@ async def test_a_stall_counts_that_ends_with_the_loss_of_the_link() -> None:
     assert watch.is_from_before(time.monotonic())
 
 
-async def test_a_stall_without_a_link_ends_before_the_next_link() -> None:
-    async with gated(link={"backoff_min": 1.0, "backoff_max": 1.0}) as rig:
+async def test_a_stall_while_the_link_is_lost_counts() -> None:
+    """The link may be ready before the middleware delivers the commands of that time."""
+    async with gated(link={"backoff_min": 1.0, "backoff_max": 1.0}, settle=NEVER) as rig:
         rig.wire.abort()
         await eventually(lambda: rig.client.state.value == "waiting")
         hold_up()
         await rig.second_wire()
-        await ok(rig.drive(1, sender=sent(0.0)))
+        with pytest.raises(SupersededError, match="stood still for"):
+            await soon(rig.drive(1, sender=sent(0.0)))

@@ -281,7 +281,7 @@ async def test_no_zero_takes_the_place_of_a_velocity_that_waited_when_a_task_beg
     async with driving(rate=0.001) as stream:
         stream.drive(0.1)
         stream.drive(0.2)  # waits for its turn
-        await stream.sent(0.1)
+        await stream.settle()  # an unanswered velocity may drive the robot after the start
         await stream.task_runs()
         stream.drive(0.0)  # a zero would end the task
         await stream.settle()
@@ -324,6 +324,27 @@ async def test_velocities_that_no_robot_reaches_are_no_pause_of_the_sender() -> 
         stream.drive(0.2)
         await stream.settle()
         await stream.sent(0.1, 0.0)
+
+
+@pytest.mark.parametrize("missing", [0, 5], ids=["late", "lost"])
+async def test_what_the_network_holds_up_is_no_pause_of_the_sender(missing: int) -> None:
+    async with driving(hold=0.0, rate=1e9) as stream:
+        stream.gate.timing = replace(stream.gate.timing, pause=0.2)
+        stream.driver.note_number(1)
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        assert (await soon(stream.gate.stop(TIMEOUT))).success
+        await asyncio.sleep(0.3)
+        stream.driver.note_number(2 + missing)
+        stream.drive(0.2, age=0.0 if missing else 0.25)
+        stream.driver.note_number(3 + missing)
+        stream.drive(0.2)
+        await stream.settle()
+        await stream.sent(0.1, 0.0)
+        await asyncio.sleep(0.3)
+        stream.driver.note_number(4 + missing)
+        stream.drive(0.3)
+        await stream.sent(0.1, 0.0, 0.3)
 
 
 async def test_a_stall_of_the_agent_is_no_pause_of_the_sender() -> None:

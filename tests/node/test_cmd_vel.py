@@ -17,6 +17,7 @@ from tests.node.cmd_vel import Sender
 from tests.node.goals import CANCELED, step
 from woosh_robot_agent.parameters import StandardSettings
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import DeviceState
 from woosh_robot_msgs.srv import Speak
 
 TWIST = "woosh.robot.Twist"
@@ -169,6 +170,8 @@ class TestLinkLoss:
         simulator.wait_received(TWIST, 2)
         assert client.call(Speak, "robot/Speak").ok  # what came before has been sent
         assert twists() == [pytest.approx((0.3, 0.0, 0.0)), (0.0, 0.0, 0.0)]
+        sender.send(x=0.1)
+        simulator.wait_received(TWIST, 3)
 
 
 class TestStop:
@@ -191,3 +194,55 @@ class TestStop:
         logs.wait_text("the robot was stopped")
         # two zeros on a slow machine: the velocity had timed out before the stop
         assert set(twists()[1:]) == {(0.0, 0.0, 0.0)}
+
+
+class TestRelease:
+    """What keeps a robot from obeying ends while the sender goes on."""
+
+    @pytest.mark.parametrize("is_lost", [False, True], ids=["with a link", "during a lost link"])
+    def test_the_release_of_the_emergency_stop_moves_nothing(
+        self, simulator, connect, client, twists, logs, is_lost
+    ):
+        def slowly(*speeds: float) -> None:
+            for speed in speeds:
+                sender.send(x=speed)
+                time.sleep(0.1)  # the subscription keeps the last message only
+
+        agent = connect()
+        states = client.echo(DeviceState, "robot/DeviceState")
+        sender = Sender(client)
+        sender.repeat(20, x=0.3)
+        simulator.wait_received(TWIST)
+        if is_lost:
+            simulator.stop_listening()
+            wait_until(lambda: agent.agent.debug()["state"] != "ready", "the loss")
+        simulator.set_emergency_stop(True)
+        if is_lost:
+            simulator.listen()
+        logs.wait_text("cmd_vel is ignored: the emergency stop is pressed; send a zero velocity")
+        sender.pause()
+        before = len(twists())
+        slowly(0.0, 0.3)  # the same if it begins anew before the release
+        states.messages.clear()
+        simulator.set_emergency_stop(False)
+        states.wait(lambda state: not state.hardware)
+        slowly(0.3, 0.3)
+        assert not any(x for x, _, _ in twists()[before:])
+        slowly(0.0, 0.3)
+        wait_until(lambda: any(x for x, _, _ in twists()[before:]))
+
+    def test_a_stream_has_to_begin_anew_in_another_control_mode(
+        self, simulator, connect, client, twists, logs
+    ):
+        connect()
+        sender = Sender(client)
+        sender.repeat(20, x=0.3)
+        simulator.wait_received(TWIST)
+        for mode in (2, 1):
+            assert client.command("robot/SwitchControlMode", mode=mode).ok
+            logs.wait_text("cmd_vel is ignored: the control mode of the robot has changed")
+            logs.messages.clear()
+            count = len(twists())
+            sender.send()
+            wait_until(lambda: any(x for x, _, _ in twists()[count:]))  # noqa: B023
+        sender.pause()

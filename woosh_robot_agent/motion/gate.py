@@ -29,6 +29,7 @@ For a stream of velocities, use `VelocityDriver`, which adds rules for streams.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import time
@@ -162,6 +163,9 @@ _CHECK_PERIOD = 0.02
 _MAX_DELAY = 20.0
 """Maximum time that a command is expected to be on its way, in seconds. One that seems to be older
 comes from a computer whose clock differs."""
+_LONGEST_LOSS = 30.0
+"""Maximum time from a stop to the return of a lost link at which what has begun is cancelled, in
+seconds. Later, somebody else may have started it."""
 _BEFORE_STOP = Sentence(
     "it was sent before the last stop of the robot: send it again, and if this repeats, "
     "synchronise the clocks of the two computers"
@@ -278,7 +282,7 @@ class MotionGate:
         """Id of the set that the last stop or late cancel has ended; 0 without one."""
         self._stop_answered = -math.inf
         """Monotonic time at which the chassis had last answered all requests of a stop; infinite
-        during a stop."""
+        during a stop, and in the future during a loss of the link soon after it."""
         self._stalls = StallWatch(lambda: self.timing)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
@@ -351,11 +355,13 @@ class MotionGate:
             return await self._send_stop(timeout)
         finally:
             self._stop_answered = time.monotonic()
+            self._keep_stop_while_lost()
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
         self._stopped_set = self._reported_owner.current_set(within=2 * self.timing.effect)
         orders = cancel_orders()
+        was_active = any(map(self._reported_owner.is_active, orders))
         # each goes to the front of the queue, so the first one to send, the zero, is queued last
         queued = [*reversed(orders.values()), Twist()]
         answers = await asyncio.gather(*(self._send_first(each, timeout) for each in queued))
@@ -366,7 +372,7 @@ class MotionGate:
         refused = [name for name, answer in answered.items() if _is_refused(answer)]
         # The zero may be refused until the cancels take effect. If it was accepted, wait only for
         # those whose cancel was refused: an earlier one may be taking effect.
-        was_active = await self._wait_for_end(orders if _is_refused(zero) else refused)
+        was_active |= await self._wait_for_end(orders if _is_refused(zero) else refused)
         # rule 6: not to what was started after the stop
         if was_active and _is_refused(zero) and not self._reported_owner.name:
             zero = await self._send_first(Twist(), timeout)
@@ -677,16 +683,36 @@ class MotionGate:
         The cancels of the stop came too early, and had no effect on it.
         """
         _LOG.warning("what the last stop should have prevented has begun: cancelling it")
+        with contextlib.suppress(LinkError):  # the first report of a link comes before it is ready
+            await self._chassis.wait_ready(self.timing.effect)
         given = asyncio.get_running_loop().time()
         report = await self._send_stop(self.timing.effect)
         self._stop_answered = time.monotonic()  # now the rest of a set may begin
+        self._keep_stop_while_lost()
         if not report.success:
             _LOG.error("%s", report.message)
         self._on_late_stop(report, given)
 
+    def _keep_stop_while_lost(self) -> None:
+        """Let the times after a stop count from the end of a loss of the link, within limits.
+
+        Without a link, the chassis cannot report what begins.
+        """
+        now = time.monotonic()
+        if self._chassis.state is not LinkState.READY:
+            if now < self._stop_answered + 2 * self.timing.effect:
+                until = self._stop_called + _LONGEST_LOSS
+                self._stop_answered = max(self._stop_answered, until)
+        elif self._stop_answered < math.inf:  # no stop goes on
+            self._stop_answered = min(self._stop_answered, now)
+
     def _link_changed(self, state: LinkState) -> None:
-        """Watch for stalls while there is a link or one is being opened."""
-        if state in (LinkState.CONNECTING, LinkState.READY):
-            self._stalls.start()
-        else:
+        """Watch for stalls until the link is closed, also while it is lost.
+
+        Commands that wait for the end of a stall may be read when the link is ready again.
+        """
+        self._keep_stop_while_lost()
+        if state is LinkState.STOPPED:
             self._stalls.stop()
+        else:
+            self._stalls.start()

@@ -119,7 +119,8 @@ class VelocityDriver:
     1. Velocities beyond `MAX_VELOCITY` are refused; those beyond the limits are scaled down.
     2. While a goal, a task or an action drives the robot, velocities are refused, unless the limits
        have `override` set.
-    3. After a stop, velocities are refused until their sender pauses or sends a zero.
+    3. After a stop, or a call of `silence`, velocities are refused until their sender pauses or
+       sends a zero.
     4. On average at most `rate` velocities per second are sent, the newest one each time. The first
        zero is sent at once.
     5. Each velocity is sent at most once, none is kept for after a reconnect, and none is sent when
@@ -162,7 +163,9 @@ class VelocityDriver:
         self._waiting: Twist | None = None
         """The velocity to send next."""
         self._received = -math.inf
-        """Loop time of the last velocity that was received."""
+        """Loop time of the last velocity that was received, or is known to be lost."""
+        self._number = 0
+        """Number of the last velocity; 0 without one."""
         self._published = -math.inf
         """Loop time at which the sender published the last accepted velocity."""
         self._pace = Pace()
@@ -208,7 +211,7 @@ class VelocityDriver:
         """
         values = (linear, sideways, angular)
         moves = any(values)
-        self.note_received(moves)
+        self.note_received(moves, published)
         limits = self._limits()
         try:
             limited = limits.apply(Twist(linear=linear, linear_y=sideways, angular=angular))
@@ -244,27 +247,53 @@ class VelocityDriver:
             self._waiting = limited
             self._send_or_wait(now)
 
-    def note_received(self, moves: bool) -> None:
+    def note_number(self, number: int | None) -> None:
+        """Note the number of the velocity that comes now: without gaps, nothing was lost before it.
+
+        Args:
+            number: the number that its sender gave it, in ascending order; None without numbers.
+        """
+        number = number or 0
+        if 0 < self._number < number - 1:  # what was lost was no pause
+            self._received = asyncio.get_running_loop().time()
+        self._number = number
+
+    def note_received(self, moves: bool, published: float = math.inf) -> None:
         """Note that a velocity of the stream came, even one that is not used, for rule 3.
 
         `drive` and `refuse` do so by themselves.
+
+        Args:
+            moves: True if it is not zero.
+            published: loop time (monotonic) at which the sender published it; by default now.
         """
         now = asyncio.get_running_loop().time()
         # while this process stood still, it received nothing, even if the sender went on
         silent_since, self._received = max(self._received, self._gate.stall_ended), now
-        has_paused = now - silent_since > self._gate.timing.pause
+        has_paused = min(published, now) - silent_since > self._gate.timing.pause
         if not moves or has_paused:
             self._silenced = ""
 
-    def refuse(self, kind: str, reason: str) -> None:
+    def refuse(self, kind: str, reason: str, published: float = math.inf) -> None:
         """Refuse a velocity that would move the robot, for a reason of the caller.
 
         Args:
             kind: kind of the reason; reasons of one kind are logged once.
             reason: the reason, for the log or `on_refused`.
+            published: as in `note_received`.
         """
-        self.note_received(moves=True)
+        self.note_received(True, published)
         self._log_refusal(kind, reason)
+
+    def silence(self, reason: str) -> None:
+        """Stop the robot if the stream drives it, and refuse velocities as after a stop (rule 3).
+
+        Args:
+            reason: why velocities are refused, for the log or `on_refused`.
+        """
+        if self._driving and self._gate.driving:  # otherwise a task may have taken over
+            self._send(Twist())
+        self._silence(reason)
 
     def end(self) -> None:
         """Stop the robot at once.

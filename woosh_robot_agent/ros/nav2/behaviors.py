@@ -22,7 +22,7 @@ from woosh_robot_agent.ros.nav2.goals import (
     to_seconds,
 )
 from woosh_robot_agent.ros.nav2.pose import RobotPose
-from woosh_robot_agent.ros.standard.cmd_vel import stamp_objection
+from woosh_robot_agent.ros.standard.cmd_vel import NUMBER, stamp_objection
 
 _TURN_SPEED = 0.8
 """Speed of a turn, in rad/s, unless `cmd_vel_max_angular` is less."""
@@ -250,14 +250,16 @@ class AssistedTeleop(Nav2Action):
         # a TwistStamped, if the parameter cmd_vel_stamped is true
         twist = getattr(message, "twist", message)
         values = (twist.linear.x, twist.linear.y, twist.angular.z)
+        published = self._clock.of_message(info, taken)
+        self._driver.note_number(info.get(NUMBER))
         if self._goal is None:
             # not sent, but after a stop, the driver has to know whether the sender pauses
-            self._driver.note_received(any(values))
+            self._driver.note_received(any(values), published)
             return
         if twist is not message and (objection := stamp_objection(self.context.standard, message)):
-            self._driver.refuse("age", objection)
+            self._driver.refuse("age", objection, published)
             return
-        self._driver.drive(*values, self._clock.of_message(info, taken))
+        self._driver.drive(*values, published)
 
     def _preempt(self, _message: Any) -> None:
         if self._goal is not None and not self._preempted.done():

@@ -14,6 +14,8 @@ from std_srvs.srv import Trigger
 
 from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
+from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, Mode, RobotInfo
+from woosh_robot_agent.robot.readiness import EMERGENCY_STOP
 from woosh_robot_agent.robot.who_drives import Interleaving
 from woosh_robot_agent.ros.bridge import Reply
 from woosh_robot_agent.ros.standard.part import NO_TIME, Part, PartContext
@@ -42,6 +44,8 @@ class Stop(Part):
         reply.send(Trigger.Response(success=report.success, message=report.message))
 
 
+NUMBER = "publication_sequence_number"
+"""Key of the number that the sender gave a message, in rclpy's information about it."""
 _REPORT_PERIOD = 1.0
 """Minimum time between two reports that cmd_vel has several publishers, in seconds."""
 
@@ -51,6 +55,9 @@ class CmdVel(Part):
 
     Velocities are in the robot's frame (REP 103): linear.x ahead and linear.y to the left in m/s,
     angular.z counter-clockwise in rad/s. The other components are ignored.
+
+    The release of the emergency stop, or another control mode, must not let a stream move the robot
+    that has been refused until then: its sender has to begin anew.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -76,22 +83,51 @@ class CmdVel(Part):
         """Estimates when a velocity was published, because late ones are not sent."""
         self._reported = -math.inf
         """Monotonic time at which several publishers were last reported."""
+        self._is_pressed = False
+        """True if the robot reports that its emergency stop is pressed."""
+        self._control_mode: int | None = None
+        """Control mode of the robot; None before its first report."""
+        chassis = context.robot.chassis
+        chassis.on_snapshot(self._snapshot)
+        chassis.subscribe(DeviceState, self._device_changed)
+        chassis.subscribe(Mode, self._mode_changed)
 
     async def run(self) -> None:
         await self._driver.run()
 
+    def _snapshot(self, info: RobotInfo) -> None:
+        self._device_changed(info.device_state)  # without one, nothing is pressed
+        if info.HasField("mode"):
+            self._mode_changed(info.mode)
+
+    def _device_changed(self, state: DeviceState) -> None:
+        self._is_pressed = bool(state.hardware & DeviceState.kEmgBtn)
+        if self._is_pressed:
+            self._driver.silence(EMERGENCY_STOP.reason)
+
+    def _mode_changed(self, mode: Mode) -> None:
+        if self._control_mode not in (None, mode.ctrl):
+            self._driver.silence("the control mode of the robot has changed")
+        self._control_mode = mode.ctrl
+
     def _drive_stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
         if objection := stamp_objection(self._context, message):
-            self._driver.refuse("age", objection)
+            self._driver.note_number(info.get(NUMBER))
+            self._driver.refuse("age", objection, self._clock.of_message(info, taken))
         else:
             self._drive(message.twist, info, taken)
 
     def _drive(self, velocity: Twist, info: Mapping[str, Any], taken: float) -> None:
         """Pass a velocity to the driver; report several senders, at most once a second."""
-        published = self._clock.of_message(info, taken)
-        self._driver.drive(velocity.linear.x, velocity.linear.y, velocity.angular.z, published)
+        number, published = info.get(NUMBER), self._clock.of_message(info, taken)
+        self._driver.note_number(number)
+        values = (velocity.linear.x, velocity.linear.y, velocity.angular.z)
+        if self._is_pressed and any(values):  # after a zero or a pause, too
+            self._driver.note_received(True, published)
+            self._driver.silence(EMERGENCY_STOP.reason)
+        self._driver.drive(*values, published)
         now = time.monotonic()
-        are_several = self._publishers.observe(info.get("publication_sequence_number"), now)
+        are_several = self._publishers.observe(number, now)
         velocities = self._context.watch.velocities
         is_due = now - self._reported > _REPORT_PERIOD
         if is_due and are_several and velocities.are_driving(now):
