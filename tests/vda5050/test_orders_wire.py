@@ -194,12 +194,8 @@ async def test_an_order_goes_no_further_while_the_robot_is_on_no_map(site: Site)
         assert "initPosition" in str(state["errors"])
         master.instant(action("stopPause", "s"))
         await master.status("s", "FINISHED")
-        await eventually(
-            lambda: (
-                "the order waits, because the robot does not know"
-                in str((master.last("state") or {})["errors"])
-            )
-        )
+        waits = "the order waits, because the robot does not know its position"
+        await master.wait_state(lambda state: waits in str(state["errors"]))
         assert received(site.chassis, ExecTask) == []
         on_map_again()
         site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(*START, 0.2)))

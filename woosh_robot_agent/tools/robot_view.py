@@ -65,10 +65,8 @@ class RobotView:
         else:
             self.values.remember(message)
             if isinstance(message, RobotInfo):
-                if (
-                    self.has_robot_info
-                ):  # not the first: the link was lost, and actions may have ended
-                    self.actions.clear()
+                if self.has_robot_info:
+                    self.actions.clear()  # the link was lost, and they may have ended meanwhile
                 self.has_robot_info = True
                 self._add_codes(message.status_codes.scs)
             elif isinstance(message, StatusCodes):

@@ -475,20 +475,23 @@ async def test_what_begins_after_a_stop_and_is_not_cancelled_raises_the_alarm(
         assert "NOT STOPPED: cancel of task: Request failed" in say(alarm)
 
 
-@pytest.mark.parametrize("how", ["release", "watch", "idle"])
+@pytest.mark.parametrize("how", ["release", "watch", "idle", "rest"])
 async def test_a_press_does_not_take_the_control_again_that_has_ended(
     chassis: SimulatorThread, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if how == "idle":
+    if how in ("idle", "rest"):
         monkeypatch.setattr(control, "_IDLE_TIMEOUT", 5.0)
-    async with controlled(chassis) as viewer:
+    timeout = {"stick_timeout": TIMEOUT} if how == "rest" else {}  # for which the stick may rest
+    async with controlled(chassis, **timeout) as viewer:
         await hold(viewer, lambda: is_driving(chassis))
         await viewer.drive(0.3)  # a slow machine may have begun another press and not sent it
         await viewer.until(lambda parts: parts["control"]["owner"])
-        if how != "idle":
+        if how == "rest":
+            await viewer.drive(0.0)
+        elif how != "idle":
             await viewer.send(do=how, robot=0)
         await viewer.until(lambda parts: parts["control"]["owner"] is None)
-        assert (how == "idle") == ("no command came for a minute" in "".join(viewer.refusals))
+        assert (how == "rest") == ("no command came for a minute" in "".join(viewer.refusals))
         await eventually(lambda: is_stopped_by_zero(chassis))
         sent = chassis.counts[TWIST]
         await viewer.drive(0.3)

@@ -296,9 +296,9 @@ class Control:
         """Take the control from a viewer that has not used it for `_IDLE_TIMEOUT`."""
         now = asyncio.get_running_loop().time()
         if self.owner and now > self._used_at + _IDLE_TIMEOUT:
-            if self.owner.ended_press < self._press:  # the viewer may still hold the stick
+            if self._gap <= self._config.stick_timeout:  # the viewer holds the stick in its middle
                 self._end_press(_IDLE)
-            self._end_control()
+            self.release(self.owner)
 
     def _claim(self, viewer: Viewer) -> Text | None:
         """Give the control to a viewer, or extend its time; return the reason if that cannot be."""

@@ -45,7 +45,7 @@ from woosh_robot_agent.tools.dashboard.texts import value_data
 from woosh_robot_agent.tools.robot_view import RobotView, code_key
 
 _MAX_CODES = 50
-"""Maximum number of status codes that hold now on the page."""
+"""Maximum number of problems on the page, i.e. of status codes that hold now."""
 _MAX_POINTS = 2000
 """Maximum number of points of a path, zone or lane on the page."""
 _MAX_MARKS = 2000

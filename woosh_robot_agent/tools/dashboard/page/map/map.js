@@ -380,7 +380,7 @@ export class MapCanvas {
     const url = map?.resolution ? `${robot}/${map.number}.png` : "";
     if (url === this.shown) return;
     // a map that the robot is making has no name, and may grow faster than its pictures are loaded
-    if (map && url && !map.name && this.loading.startsWith(`${robot}/`)) return;
+    if (url && !map?.name && this.loading.startsWith(`${robot}/`)) return;
     this.shown = this.loading = url;
     if (!map || !url) {
       this.area = this.keepout = this.keepoutImage = null;
