@@ -155,7 +155,12 @@ async def test_an_order_that_comes_without_a_link_does_not_start_elsewhere(site:
     assert site.chassis.counts[EXEC] == 0
 
 
-async def test_an_order_waits_for_a_robot_that_comes_back_without_its_position(site: Site) -> None:
+@pytest.mark.parametrize("place", [START, (0.0, 0.0)])
+async def test_an_order_waits_for_a_robot_that_comes_back_without_its_position(
+    site: Site, place: tuple[float, float]
+) -> None:
+    """It goes on only if the master control finds the robot where the order stopped."""
+
     def switched_off_and_on(simulator: SimulatedChassis) -> None:
         simulator.chassis.localise(Pose(0.0, 0.0, 0.0))
         simulator.chassis.lose_localisation()
@@ -167,11 +172,14 @@ async def test_an_order_waits_for_a_robot_that_comes_back_without_its_position(s
             site.chassis.call(switched_off_and_on)
         await master.wait_state(lambda state: "does not know its position" in str(state["errors"]))
         assert "interruptedError" not in error_types(master.state)
-        x, y = START
+        x, y = place
         master.instant(action("initPosition", "i", x=x, y=y, theta=0.0, mapId="wooshmap"))
-        ended = await master.reached("b")
-        assert ended["errors"] == []
-    assert site.chassis.counts[EXEC] == 1
+        if place == START:
+            ended = await master.reached("b")
+            assert ended["errors"] == []
+        else:
+            await master.error("interruptedError")
+    assert site.chassis.counts[EXEC] == (1 if place == START else 0)
 
 
 async def test_an_order_does_not_go_on_if_the_robot_restarts_elsewhere_while_an_action_runs(

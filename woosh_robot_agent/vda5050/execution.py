@@ -114,7 +114,7 @@ class Execution:
         self._refused_speed = ""
         """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
         self._link_was_lost = False
-        """True from a loss of the link until no action is active."""
+        """True from a loss of the link until the position is known and no action is active."""
         link.chassis.on_state(self._link_changed)
 
     # State of the robot: motion, pause and errors
@@ -281,7 +281,7 @@ class Execution:
         """
         if (place := self.robot.position) is None:
             return
-        if not self.active:
+        if not self.active and self.link.ready and place.initialised:
             self._link_was_lost = False
         # after a loss of the link, only an action that surely moves the base explains a new place:
         # otherwise, people may have moved the robot
@@ -416,8 +416,9 @@ class Execution:
         )
         return self.order.poll(
             may_drive=is_free and not self.tasks.id,
-            # a charging task that goes on does not move the robot, and an action may end it
-            may_check=is_free and not self.tasks.is_busy,
+            # a charging task that goes on does not move the robot, and an action may end it; while
+            # an action sets the position, the last report may be of the former one
+            may_check=is_free and not self.tasks.is_busy and not self._may_be_moved_by_action,
             # cancelOrder itself empties the order, so that both end in the same state message
             may_empty=not self.has_own_motion and not self.instant.runs(CANCEL_ORDER),
         )
