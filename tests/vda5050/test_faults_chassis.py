@@ -32,7 +32,7 @@ from tests.vda5050.master import (
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneList
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask, InitRobot
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.ros import action_pb2
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
@@ -105,20 +105,25 @@ async def test_an_order_that_comes_without_a_link_starts_later_and_once(site: Si
 
 
 @pytest.mark.parametrize("is_long", [False, True])
-async def test_a_step_that_comes_during_a_long_loss_of_the_link_is_not_begun_later(
+async def test_an_action_that_comes_during_a_long_loss_of_the_link_is_not_begun_later(
     site: Site, monkeypatch: pytest.MonkeyPatch, is_long: bool
 ) -> None:
     if is_long:
         monkeypatch.setattr(runner, "_MAX_LOSS", 0.0)
     async with site.online() as master:
         async with site.without_link(master):
-            master.instant(action("step", "step", distance=0.2))
-            state = await master.status("step", "FAILED" if is_long else "WAITING")
-            assert ("no link" in result_of(state, "step")) == is_long
+            place = {"x": 0.0, "y": 0.0, "theta": 0.0, "mapId": "wooshmap"}
+            master.instant(
+                action("step", "step", distance=0.2), action("initPosition", "i", **place)
+            )
+            for each in "step", "i":
+                state = await master.status(each, "FAILED" if is_long else "WAITING")
+                assert ("no link" in result_of(state, each)) == is_long
         await master.wait_state(is_connected)
         master.instant(action("step", "next", distance=0.2))
         await master.status("next", "FINISHED")
     assert len(received(site.chassis, CallAction)) == (1 if is_long else 2)
+    assert site.chassis.counts[full_name(InitRobot)] == (0 if is_long else 1)
 
 
 async def test_a_step_that_waits_for_another_is_not_begun_after_a_long_loss_of_the_link(

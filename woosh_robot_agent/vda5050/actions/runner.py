@@ -71,7 +71,7 @@ _LOG = logging.getLogger(__name__)
 _ENDED = "the action was ended"
 _PROGRAM = Sentence("an error of the program; see its log")
 _MAX_LOSS = 30.0
-"""Time without a link after which no instant action that moves something waits, in seconds."""
+"""Time without a link after which no instant action waits for it, in seconds."""
 
 
 class ActionRunner:
@@ -123,9 +123,10 @@ class ActionRunner:
                 self._end(action, reason)
 
     def _end_forgotten(self) -> None:
-        """End the instant actions that move something and have not begun on a robot that has gone.
+        """End the instant actions that have not begun on a robot that has gone.
 
-        Otherwise they might begin when the robot is switched on hours later.
+        Otherwise they might begin when the robot is switched on hours later: move something, or set
+        a position that is not right any more.
         """
         execution = self._execution
         chassis = execution.link.chassis
@@ -134,7 +135,7 @@ class ActionRunner:
         early = (ActionStatus.WAITING, ActionStatus.INITIALIZING)
         not_begun = {each.id for each in execution.instant.states if each.status in early}
         for action in (*self._waiting.values(), *execution.active.values()):
-            if action.id in not_begun and ACTIONS[action.type].type.pausable:
+            if action.id in not_begun:
                 self._end(action, UNSENT)
 
     def poll(self) -> None:
