@@ -18,6 +18,7 @@ from tests.node.test_parameters import change
 from woosh_robot_agent.convert import converter
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import COMMANDS, minimum_timeouts
+from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.simulator import SimulatorThread
@@ -97,7 +98,13 @@ def test_call_fails_if_the_link_is_lost_and_is_not_repeated(robot: Robot) -> Non
     assert not response.ok
     assert f"lost the link to ws://127.0.0.1:{robot.chassis.port}" in response.msg
     assert SPEAK in response.msg
-    wait_until(lambda: robot.chassis.counts["woosh.robot.RobotInfo"] == 2, "the next link")
+    wait_until(
+        lambda: (
+            robot.chassis.counts["woosh.robot.RobotInfo"] == 2
+            and robot.link.state is LinkState.READY
+        ),
+        "the next link",
+    )
     robot.chassis.accept(SPEAK)
     assert robot.call(Speak, "robot/Speak", arg=SpeakMsg(text="new")).ok
     assert [r.message.text for r in robot.chassis.received if r.type == SPEAK] == ["", "new"]
