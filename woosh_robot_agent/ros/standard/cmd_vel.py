@@ -56,8 +56,8 @@ class CmdVel(Part):
     Velocities are in the robot's frame (REP 103): linear.x ahead and linear.y to the left in m/s,
     angular.z counter-clockwise in rad/s. The other components are ignored.
 
-    The release of the emergency stop, or another control mode, must not let a stream move the robot
-    that has been refused until then: its sender has to begin anew.
+    A stream that the emergency stop or the control mode has held back must not move the robot when
+    that ends: its sender has to begin anew.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -111,20 +111,24 @@ class CmdVel(Part):
         self._control_mode = mode.ctrl
 
     def _drive_stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
-        if objection := stamp_objection(self._context, message):
-            self._driver.note_number(info.get(NUMBER))
-            self._driver.refuse("age", objection, self._clock.of_message(info, taken))
-        else:
-            self._drive(message.twist, info, taken)
+        self._drive(message.twist, info, taken, stamp_objection(self._context, message))
 
-    def _drive(self, velocity: Twist, info: Mapping[str, Any], taken: float) -> None:
-        """Pass a velocity to the driver; report several senders, at most once a second."""
+    def _drive(
+        self, velocity: Twist, info: Mapping[str, Any], taken: float, objection: str = ""
+    ) -> None:
+        """Pass a velocity to the driver; report several senders, at most once a second.
+
+        With an `objection`, let the driver refuse the velocity for this reason.
+        """
         number, published = info.get(NUMBER), self._clock.of_message(info, taken)
         self._driver.note_number(number)
         values = (velocity.linear.x, velocity.linear.y, velocity.angular.z)
         if self._is_pressed and any(values):  # after a zero or a pause, too
             self._driver.note_received(True, published)
             self._driver.silence(EMERGENCY_STOP.reason)
+        if objection:
+            self._driver.refuse("age", objection, published)
+            return
         self._driver.drive(*values, published)
         now = time.monotonic()
         are_several = self._publishers.observe(number, now)
