@@ -12,7 +12,7 @@ from typing import Any
 from geometry_msgs.msg import Twist, TwistStamped
 from std_srvs.srv import Trigger
 
-from woosh_robot_agent.motion import VelocityDriver
+from woosh_robot_agent.motion import AnsweredCommand, VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, Mode, RobotInfo
 from woosh_robot_agent.robot.readiness import EMERGENCY_STOP
@@ -91,6 +91,7 @@ class CmdVel(Part):
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe(DeviceState, self._device_changed)
         chassis.subscribe(Mode, self._mode_changed)
+        context.robot.gate.on_answered(self._answered)
 
     async def run(self) -> None:
         await self._driver.run()
@@ -104,6 +105,12 @@ class CmdVel(Part):
         self._is_pressed = bool(state.hardware & DeviceState.kEmgBtn)
         if self._is_pressed:
             self._driver.silence(EMERGENCY_STOP.reason)
+
+    def _answered(self, command: AnsweredCommand) -> None:
+        """Take the mode from an answer: its report may come after a stream that begins then."""
+        mode = command.answer.body
+        if isinstance(mode, Mode) and mode.ctrl:
+            self._mode_changed(mode)
 
     def _mode_changed(self, mode: Mode) -> None:
         if self._control_mode not in (None, mode.ctrl):
