@@ -17,9 +17,10 @@ from tests.node.cmd_vel import Sender
 from tests.node.goals import CANCELED, step
 from woosh_robot_agent.parameters import StandardSettings
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_msgs.msg import DeviceState
+from woosh_robot_msgs.msg import DeviceState, Mode
 from woosh_robot_msgs.srv import Speak
 
+MODE = "woosh.robot.Mode"
 TWIST = "woosh.robot.Twist"
 
 
@@ -246,3 +247,20 @@ class TestRelease:
             sender.send()
             wait_until(lambda: any(x for x, _, _ in twists()[count:]))  # noqa: B023
         sender.pause()
+
+    def test_a_stream_that_begins_after_a_change_of_the_control_mode_goes_on(
+        self, simulator, connect, client, twists
+    ):
+        """Even if the robot reports the change later than it answers."""
+        connect(cmd_vel_timeout=5.0)
+        modes = client.echo(Mode, "robot/Mode")
+        simulator.intercept(
+            lambda out: [replace(out, delay=0.0 if out.is_answer or out.type != MODE else 0.5)]
+        )
+        assert client.command("robot/SwitchControlMode", mode=2).ok
+        sender = Sender(client)
+        sender.send(x=0.3)
+        modes.wait(lambda mode: mode.ctrl.value == 2)
+        sender.send(x=0.3)
+        simulator.wait_received(TWIST, 2)
+        assert all(x for x, _, _ in twists())

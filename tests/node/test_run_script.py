@@ -87,14 +87,15 @@ def started(script: Path, domain: int, *arguments: str) -> tuple[subprocess.Pope
 
 
 def test_the_address_of_the_page_comes_before_the_commands(tmp_path: Path, domain: int) -> None:
-    """Also that a user's parameter file does not connect the agent to real robots instead."""
+    """Also that no argument for the agent connects it to real robots instead."""
     file = tmp_path / "mine.yaml"
     file.write_text(
         "/woosh_robot/agent: {ros__parameters: {ip: 192.0.2.1, robots: [r1]}}\n"
         "/woosh_robot/r1/agent: {ros__parameters: {ip: 192.0.2.1}}\n"
     )
     script = checkout(tmp_path, "-kilted")
-    with running(script, domain, "--", "--params-file", str(file)) as (process, output):
+    mine = ("--", "--params-file", str(file), "-r", "__node:=mine")
+    with running(script, domain, *mine) as (process, output):
         address = re.search(r"in your browser: (http://127\.0\.0\.1:\d+/)\n", output)
         assert address, output
         before, after = output[: address.start()], output[address.end() :]

@@ -157,6 +157,20 @@ async def test_the_end_of_an_action_does_not_resume_a_drive_that_people_have_sto
     assert commands(site.chassis) == [*sent, "continue"]
 
 
+async def test_the_end_of_an_action_does_not_resume_a_drive_that_only_people_could_pause(
+    site: Site,
+) -> None:
+    async with site.online() as master:
+        await site.drive(master)
+        site.chassis.refuse(ORDER, "not now")
+        master.instant(action("speak", "words", text="caution"))
+        await eventually(lambda: site.chassis.counts[ORDER])
+        site.chassis.call(lambda simulator: simulator.chassis.tasks.pause("button", ordered=True))
+        await master.status("words", "FINISHED")
+        await master.wait_state(lambda state: state["paused"])
+        assert "continue" not in commands(site.chassis)
+
+
 async def test_a_drive_that_people_resume_during_an_action_goes_on_after_it(site: Site) -> None:
     async with site.online() as master, site.other_client() as gate:
         await site.drive(master)

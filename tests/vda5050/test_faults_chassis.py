@@ -14,7 +14,7 @@ import pytest
 
 from tests.asynchronous import eventually
 from tests.quick_chassis import edit_bodies, quick_config, set_speed
-from tests.vda5050.chassis_events import received
+from tests.vda5050.chassis_events import commands, received
 from tests.vda5050.conftest import EXEC, LEG, ORDER, Site, scene_with_start
 from tests.vda5050.master import (
     START,
@@ -142,6 +142,21 @@ async def test_a_step_that_waits_for_another_is_not_begun_after_a_long_loss_of_t
         set_speed(site.chassis, 20.0)
         await master.status("one", "FINISHED")
     assert len(received(site.chassis, CallAction)) == 1
+
+
+async def test_a_step_whose_start_was_not_answered_goes_on_after_a_long_loss_of_the_link(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runner, "_MAX_LOSS", 0.0)
+    silent = ["woosh.ros.CallAction", "woosh.ros.Feedbacks"]
+    site.chassis.intercept(lambda out: [] if {out.type, out.request} & {*silent} else [out])
+    async with site.online() as master:
+        master.instant(action("step", "step", distance=0.6, speed=0.02))
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        async with site.without_link(master):
+            silent.clear()
+        await master.status("step", "FINISHED")
+    assert commands(site.chassis) == ["step_control execute"]
 
 
 async def test_an_order_that_comes_without_a_link_does_not_start_elsewhere(site: Site) -> None:

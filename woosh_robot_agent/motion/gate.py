@@ -361,7 +361,6 @@ class MotionGate:
         """Send a zero velocity and cancel everything that moves the robot."""
         self._stopped_set = self._reported_owner.current_set(within=2 * self.timing.effect)
         orders = cancel_orders()
-        was_active = any(map(self._reported_owner.is_active, orders))
         # each goes to the front of the queue, so the first one to send, the zero, is queued last
         queued = [*reversed(orders.values()), Twist()]
         answers = await asyncio.gather(*(self._send_first(each, timeout) for each in queued))
@@ -372,22 +371,19 @@ class MotionGate:
         refused = [name for name, answer in answered.items() if _is_refused(answer)]
         # The zero may be refused until the cancels take effect. If it was accepted, wait only for
         # those whose cancel was refused: an earlier one may be taking effect.
-        was_active |= await self._wait_for_end(orders if _is_refused(zero) else refused)
+        await self._wait_for_end(orders if _is_refused(zero) else refused)
         # rule 6: not to what was started after the stop
-        if was_active and _is_refused(zero) and not self._reported_owner.name:
+        if _is_refused(zero) and not self._reported_owner.name:
             zero = await self._send_first(Twist(), timeout)
         running = tuple(filter(self._reported_owner.moves, refused))
         return StopReport(zero, answered, running)
 
-    async def _wait_for_end(self, names: Collection[str]) -> bool:
-        """Wait until none of these is active, at most `timing.effect`; return True if one was."""
+    async def _wait_for_end(self, names: Collection[str]) -> None:
+        """Wait until none of these is active, at most `timing.effect`."""
         clock = asyncio.get_running_loop().time
         until = clock() + self.timing.effect
-        was_active = False
         while any(map(self._reported_owner.is_active, names)) and clock() <= until:
-            was_active = True
             await asyncio.sleep(_CHECK_PERIOD)
-        return was_active
 
     async def close(self, timeout: float) -> None:
         """Refuse all further motion, and stop the robot if it may be driving at a velocity.

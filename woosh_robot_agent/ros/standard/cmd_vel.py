@@ -12,7 +12,7 @@ from typing import Any
 from geometry_msgs.msg import Twist, TwistStamped
 from std_srvs.srv import Trigger
 
-from woosh_robot_agent.motion import VelocityDriver
+from woosh_robot_agent.motion import AnsweredCommand, VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, Mode, RobotInfo
 from woosh_robot_agent.robot.readiness import EMERGENCY_STOP
@@ -56,8 +56,8 @@ class CmdVel(Part):
     Velocities are in the robot's frame (REP 103): linear.x ahead and linear.y to the left in m/s,
     angular.z counter-clockwise in rad/s. The other components are ignored.
 
-    The release of the emergency stop, or another control mode, must not let a stream move the robot
-    that has been refused until then: its sender has to begin anew.
+    A stream that the emergency stop or the control mode has held back must not move the robot when
+    that ends: its sender has to begin anew.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -91,6 +91,7 @@ class CmdVel(Part):
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe(DeviceState, self._device_changed)
         chassis.subscribe(Mode, self._mode_changed)
+        context.robot.gate.on_answered(self._answered)
 
     async def run(self) -> None:
         await self._driver.run()
@@ -105,26 +106,36 @@ class CmdVel(Part):
         if self._is_pressed:
             self._driver.silence(EMERGENCY_STOP.reason)
 
+    def _answered(self, command: AnsweredCommand) -> None:
+        """Take the mode from an answer: its report may come after a stream that begins then."""
+        mode = command.answer.body
+        if isinstance(mode, Mode) and mode.ctrl:
+            self._mode_changed(mode)
+
     def _mode_changed(self, mode: Mode) -> None:
         if self._control_mode not in (None, mode.ctrl):
             self._driver.silence("the control mode of the robot has changed")
         self._control_mode = mode.ctrl
 
     def _drive_stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
-        if objection := stamp_objection(self._context, message):
-            self._driver.note_number(info.get(NUMBER))
-            self._driver.refuse("age", objection, self._clock.of_message(info, taken))
-        else:
-            self._drive(message.twist, info, taken)
+        self._drive(message.twist, info, taken, stamp_objection(self._context, message))
 
-    def _drive(self, velocity: Twist, info: Mapping[str, Any], taken: float) -> None:
-        """Pass a velocity to the driver; report several senders, at most once a second."""
+    def _drive(
+        self, velocity: Twist, info: Mapping[str, Any], taken: float, objection: str = ""
+    ) -> None:
+        """Pass a velocity to the driver; report several senders, at most once a second.
+
+        With an `objection`, let the driver refuse the velocity for this reason.
+        """
         number, published = info.get(NUMBER), self._clock.of_message(info, taken)
         self._driver.note_number(number)
         values = (velocity.linear.x, velocity.linear.y, velocity.angular.z)
         if self._is_pressed and any(values):  # after a zero or a pause, too
             self._driver.note_received(True, published)
             self._driver.silence(EMERGENCY_STOP.reason)
+        if objection:
+            self._driver.refuse("age", objection, published)
+            return
         self._driver.drive(*values, published)
         now = time.monotonic()
         are_several = self._publishers.observe(number, now)

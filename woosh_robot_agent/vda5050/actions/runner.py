@@ -114,7 +114,7 @@ class ActionRunner:
             self._tasks[action.id].cancel()
 
     def _end_motion(self, reason: str) -> None:
-        """End the actions that move something, because people have stopped the robot.
+        """End the actions that move something: people have stopped the robot, or may have.
 
         Otherwise it might begin them at once, or go on with them in automatic mode.
         """
@@ -142,7 +142,7 @@ class ActionRunner:
         """Start the actions that may start now.
 
         If the robot is not in automatic mode, first end the actions that move something. After a
-        long loss of the link, end the instant ones.
+        long loss of the link, end the instant ones that have not begun.
         """
         execution = self._execution
         if not execution.robot.is_automatic:

@@ -211,7 +211,7 @@ class RobotCalls:
 
         Args:
             command: the command, a member of CallAction; none of its kind may be executed now.
-            report: called when the robot accepts, pauses or resumes the action.
+            report: called when the robot has, or may have, accepted, paused or resumed the action.
 
         Raises:
             ActionFailedError: the action failed; of kind INTERRUPTED if its outcome is unknown, or
@@ -277,6 +277,7 @@ class RobotCalls:
             answer = await self._link.command(call.request(action_pb2.kExecute), tap=answered)
         except (ConnectionLostError, RequestTimeoutError) as error:
             _LOG.warning("the start of %s was not answered: %s", call.name, error)
+            call.report(ActionStatus.RUNNING)  # it may run, so it does not count as not begun
             if self._link.ready:
                 self._ask_about(call)
         except LinkError as error:

@@ -61,7 +61,7 @@ class Controller:
         self._is_pause_pending = False
         """True if the last command was a pause that was not refused, and has had no effect yet."""
         self._is_own_pause = False
-        """True from a pause that was sent, or was taken over, to the next resumption."""
+        """True from a pause that was sent and not refused, or taken over, to the resumption."""
         self._resumed_at = -math.inf
         """Loop time of a resumption whose effect was not reported yet; else minus infinity."""
         self._has_ended = False
@@ -128,11 +128,12 @@ class Controller:
         while (control := self._update_wanted()) is not None:
             self._wake.clear()
             if self._link.ready and self._may_send():
+                was_own_pause = self._is_own_pause
                 self._is_pause_pending = self._is_own_pause = control is Control.PAUSE
                 if control is Control.RESUME:  # sent once
                     self._wanted, self.stays_paused = None, False
                     self._resumed_at = asyncio.get_running_loop().time()
-                self._link.background.start(self._send(control))
+                self._link.background.start(self._send(control, was_own_pause))
             with contextlib.suppress(TimeoutError):
                 await run_with_timeout(self._link.timing.repeat_after, self._wake.wait())
 
@@ -151,8 +152,8 @@ class Controller:
             return None
         return self._wanted
 
-    async def _send(self, control: Control) -> None:
-        """Send a command once, and handle its answer."""
+    async def _send(self, control: Control, was_own_pause: bool) -> None:
+        """Send a command once, and handle its answer; a refused pause is not an own one."""
         command = f"{control.value} of {self._name}"
         answer = None
         try:
@@ -169,6 +170,7 @@ class Controller:
             if not answer.ok:
                 if control is Control.PAUSE:
                     self._is_pause_pending = False
+                    self._is_own_pause &= was_own_pause  # an earlier pause may have been accepted
                 elif control is Control.RESUME:
                     self._resumed_at = -math.inf
                     self.stays_paused = self.paused
