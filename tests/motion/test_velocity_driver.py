@@ -328,20 +328,22 @@ async def test_velocities_that_no_robot_reaches_are_no_pause_of_the_sender() -> 
 
 @pytest.mark.parametrize("missing", [0, 5], ids=["late", "lost"])
 async def test_what_the_network_holds_up_is_no_pause_of_the_sender(missing: int) -> None:
+    clock = asyncio.get_running_loop().time
     async with driving(hold=0.0, rate=1e9) as stream:
-        stream.gate.timing = replace(stream.gate.timing, pause=0.2)
+        stream.gate.timing = replace(stream.gate.timing, pause=0.5)
         stream.driver.note_number(1)
         stream.drive(0.1)
+        published = clock()
         await stream.sent(0.1)
         assert (await soon(stream.gate.stop(TIMEOUT))).success
-        await asyncio.sleep(0.3)
+        await asyncio.sleep(0.6)
         stream.driver.note_number(2 + missing)
-        stream.drive(0.2, age=0.0 if missing else 0.25)
+        stream.drive(0.2, age=0.0 if missing else clock() - published)
         stream.driver.note_number(3 + missing)
         stream.drive(0.2)
         await stream.settle()
         await stream.sent(0.1, 0.0)
-        await asyncio.sleep(0.3)
+        await asyncio.sleep(0.6)
         stream.driver.note_number(4 + missing)
         stream.drive(0.3)
         await stream.sent(0.1, 0.0, 0.3)
