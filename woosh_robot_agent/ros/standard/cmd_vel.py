@@ -103,7 +103,7 @@ class CmdVel(Part):
     def _device_changed(self, state: DeviceState) -> None:
         self._is_pressed = bool(state.hardware & DeviceState.kEmgBtn)
         if self._is_pressed:
-            self._driver.silence(EMERGENCY_STOP.reason)
+            self._driver.silence(str(EMERGENCY_STOP))
 
     def _mode_changed(self, mode: Mode) -> None:
         if self._control_mode not in (None, mode.ctrl):
@@ -124,7 +124,7 @@ class CmdVel(Part):
         values = (velocity.linear.x, velocity.linear.y, velocity.angular.z)
         if self._is_pressed and any(values):  # after a zero or a pause, too
             self._driver.note_received(True, published)
-            self._driver.silence(EMERGENCY_STOP.reason)
+            self._driver.silence(str(EMERGENCY_STOP))
         self._driver.drive(*values, published)
         now = time.monotonic()
         are_several = self._publishers.observe(number, now)
