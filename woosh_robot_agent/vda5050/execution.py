@@ -249,12 +249,15 @@ class Execution:
                     **references,
                 )
             )
-        if self.order.busy and self._must_wait:
+        if not self.order.can_go_on:  # it waits for an update, or can only be cancelled
+            return errors
+        if self._must_wait:
             info = self.robot.info
-            kind = info.task_proc.type if info is not None and self.drive.foreign_id else None
+            is_foreign = self.drive.foreign_id not in (0, self.tasks.id)
+            kind = info.task_proc.type if info is not None and is_foreign else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
             errors.append(warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint))
-        elif self.order.busy and self._has_charging_task:
+        elif self._has_charging_task:
             errors.append(
                 warning(
                     ErrorType.ROBOT_BUSY,
@@ -262,7 +265,7 @@ class Execution:
                     "end it with stopCharging, or wait for its end",
                 )
             )
-        elif self.order.busy and self.link.ready and not self._is_located:
+        elif self.link.ready and not self._is_located:
             errors.append(
                 warning(
                     ErrorType.NOT_AVAILABLE,
