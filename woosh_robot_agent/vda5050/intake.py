@@ -19,8 +19,8 @@ from woosh_robot_agent.vda5050.messages.reading import (
 )
 from woosh_robot_agent.vda5050.messages.state import (
     NO_POSITION,
-    NOT_READ,
     NOT_AUTOMATIC,
+    NOT_READ,
     ErrorType,
     OperatingMode,
     RejectedError,

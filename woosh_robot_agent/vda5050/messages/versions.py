@@ -191,6 +191,8 @@ V3_0 = Version(
         "speedMax": "maximumSpeed",
         "speedMin": "minimumSpeed",
         "vehicleConfig": "mobileRobotConfiguration",
+        # actions that hints of errors name
+        "initPosition": "initializePosition",
         # optional parameters in the factsheet
         "order.edges.maxSpeed": "order.edges.maximumSpeed",
         "order.edges.rotationAllowed": "",
