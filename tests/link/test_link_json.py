@@ -11,6 +11,7 @@ import pytest
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec, from_json, to_json
 from woosh_robot_agent.link.frames import FieldError, FrameError
 from woosh_robot_agent.pb.dispatch import robot_pb2 as dispatch
+from woosh_robot_agent.pb.dispatch.robot_pb2 import RobotAnyInfo
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
     SetOccupancy,
     SwitchControlMode,
@@ -242,6 +243,7 @@ def test_nan_and_infinity_are_accepted_as_numbers_and_as_text() -> None:
         (Network.WiFi, {"listJson": "ä"}, "list_json"),
         (Network.WiFi, {"listJson": "/wA=="[:1]}, "list_json"),
         (RobotInfo, {"taskHistory": {"tes": [{}, {"time": "x"}]}}, "task_history.tes[1].time"),
+        (RobotAnyInfo, {"info": {"@type": "type.googleapis.com/\ud800"}}, "info"),
     ],
 )
 def test_a_value_that_does_not_fit_names_its_field(cls: Any, data: Any, path: str) -> None:
@@ -253,6 +255,7 @@ def test_a_value_that_does_not_fit_names_its_field(cls: Any, data: Any, path: st
     with pytest.raises(FrameError) as failed:
         CODEC.body(envelope, cls)
     assert failed.value.kind == "body"
+    assert str(failed.value).encode(), "the log and ROS messages have the text"
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,22 @@ async def test_the_limit_waits_for_the_navigation_if_only_a_query_has_told_the_e
         await eventually(lambda: limits()[1:] == [CallAction.DESCRIPTOR.full_name])
 
 
+async def test_a_refusal_ends_with_the_navigation_of_the_action() -> None:
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] != CallAction.DESCRIPTOR.full_name:
+            return await answer_all(wire, frame)
+        await wire.answer(frame, ok=False, msg="not now")
+        return True
+
+    async with gated(script) as rig:
+        limiter = SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append)
+        limiter.limit(0.3)
+        await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+        await eventually(lambda: limiter.refusal == "not now")
+        await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosSuccess"))
+        await eventually(lambda: not limiter.refusal)
+
+
 async def test_a_limit_that_may_not_be_sent_is_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

@@ -197,6 +197,21 @@ async def test_only_the_first_of_the_unanswered_velocities_is_a_warning(
         await eventually(lambda: levels() == ["WARNING", "DEBUG", "WARNING"])
 
 
+async def test_a_second_reason_to_wait_for_a_pause_is_logged_too(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with driving() as stream:
+        stream.drive(0.0)  # the first velocity of all comes after a pause
+        for reason in ("one reason", "another reason"):
+            stream.driver.silence(reason)
+            stream.drive(0.1)
+    warned = [each.getMessage() for each in caplog.records if each.levelname == "WARNING"]
+    assert [text.partition(";")[0] for text in warned if "joystick" in text] == [
+        "joystick is ignored: one reason",
+        "joystick is ignored: another reason",
+    ]
+
+
 async def test_silence_stops_the_robot() -> None:
     async with driving(timeout=0.05) as stream:
         stream.drive(0.1)

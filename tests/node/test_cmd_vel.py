@@ -220,7 +220,7 @@ class TestRelease:
         simulator.set_emergency_stop(True)
         if is_lost:
             simulator.listen()
-        logs.wait_text("cmd_vel is ignored: the emergency stop is pressed; send a zero velocity")
+        logs.wait_text("then release the button; send a zero velocity, or nothing for 2 s")
         sender.pause()
         before = len(twists())
         slowly(0.0, 0.3)  # the same if it begins anew before the release

@@ -87,6 +87,7 @@ class TestGoalPose:
         ended = {GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_SUCCEEDED}
         statuses.wait(lambda m: {s.status for s in m.status_list} == ended)
         logs.wait(lambda r: r.getMessage() == "goal_pose was reached")
+        assert not any("replaced" in each.getMessage() for each in logs.messages)
         sender.goal_pose(500.0, 0.0, 0.0)
         logs.wait(lambda r: r.getMessage().startswith("goal_pose was not reached: no "))
 
@@ -98,16 +99,22 @@ class TestGoalPose:
         statuses.wait(lambda m: m.status_list[-1].status == GoalStatus.STATUS_CANCELED)
         wait_until(lambda: not client.call(Trigger, "cancel").success)
 
-    def test_cancel_ends_a_goal_whose_successor_was_refused(
-        self, simulator, sender, client, statuses, logs
+    @pytest.mark.parametrize("is_cancelled", [True, False])
+    def test_a_goal_whose_successor_was_refused_can_be_cancelled_and_its_failure_is_logged(
+        self, simulator, sender, client, statuses, logs, is_cancelled
     ):
         sender.goal_pose(-8.0, 8.0, 0.5)
         simulator.wait_received(CALL_ACTION)
         simulator.inject("refuse", type=CALL_ACTION, text="not there", count=1)
         sender.goal_pose(5.0, -6.8, 0.5)
         logs.wait_text("goal_pose was not reached: not there")
-        assert client.call(Trigger, "cancel").success
-        statuses.wait(lambda m: m.status_list[0].status == GoalStatus.STATUS_CANCELED)
+        if is_cancelled:
+            assert client.call(Trigger, "cancel").success
+            statuses.wait(lambda m: m.status_list[0].status == GoalStatus.STATUS_CANCELED)
+        else:
+            logs.messages.clear()
+            simulator.set_emergency_stop(True)
+            logs.wait_text("goal_pose was not reached")
 
     def test_a_message_that_was_left_blank_moves_nothing(self, simulator, sender, logs):
         sender.goal_pose(1.0, 1.5, 0.0, frame="odom")

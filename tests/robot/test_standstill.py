@@ -295,6 +295,6 @@ def test_what_the_robot_reports_comes_first_and_what_it_rules_out_last():
     info.device_state.hardware = 0
     info.mode.ctrl = 2
     text = likely_causes(info)
-    assert text.startswith("the robot reports that the key switch is at manual")
+    assert text.startswith("the robot reports that its control mode is manual")
     assert text.index("brake") < text.index("less likely") < text.index("emergency stop")
     assert "perhaps the emergency stop is pressed" in likely_causes(RobotInfo())

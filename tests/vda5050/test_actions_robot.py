@@ -33,7 +33,11 @@ async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> N
     async with site.online(limits=AT_ONCE) as master:
         charge = action("startCharging", "charge")
         nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
-        master.order([*nodes, node("c", 4, *START)])
+        last = node("c", 4, *START)
+        master.order([*nodes, last | {"released": False}])
+        finished = await master.status("charge", "FINISHED")
+        assert finished["errors"] == []  # it waits for an update
+        master.order([nodes[1], last], update=1)
         waiting = await master.error("robotBusyError")
         assert waiting["batteryState"]["charging"]
         assert status_of(waiting, "charge") == "FINISHED"

@@ -751,6 +751,9 @@ async def test_marks_that_the_robot_did_not_send_are_requested_again(
         nodes = MARKED
         master.order(nodes)
         await master.wait_state(lambda state: NOT_READ in str(state["errors"]))
+        master.instant(action("startCharging", "c", stationName="C1"))
+        state = await master.status("c", "FAILED")
+        assert NOT_READ in result_of(state, "c")
         site.chassis.accept(SCENE_DATA)
         await master.order_until_accepted(nodes)
         # the marks are those of another scene now, in which the robot knows no K10

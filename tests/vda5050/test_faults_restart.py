@@ -431,7 +431,8 @@ async def test_a_charge_that_a_kill_interrupts_while_the_robot_docks_is_not_paus
     async with Master(site.broker.port) as master:
         async with site.vehicle(state_folder=tmp_path / "state"):
             await master.online()
-            master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
+            nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
+            master.order([*nodes, node("c", 4, *START)])
             await master.status("charge", "RUNNING")
             set_speed(site.chassis, HARDLY)
             left = left_by_a_kill(tmp_path / "state")
@@ -439,7 +440,8 @@ async def test_a_charge_that_a_kill_interrupts_while_the_robot_docks_is_not_paus
         async with site.vehicle(state_folder=left):
             await master.status("charge", "FAILED")
             set_speed(site.chassis, FAST)
-            await master.wait_state(lambda state: state["batteryState"]["charging"])
+            state = await master.wait_state(lambda state: state["batteryState"]["charging"])
+            assert error_types(state) == ["interruptedError"]  # the order does not wait for it
             master.instant(action("startPause", "pause"))
             await master.status("pause", "FINISHED")
     assert commands(site.chassis) == ["drive", "charge C1"]

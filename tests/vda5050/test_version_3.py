@@ -123,8 +123,11 @@ def test_instant_actions_have_a_list_of_their_own() -> None:
 def test_errors_have_the_predefined_types_and_levels(
     kind: ErrorType, name: str, level: str
 ) -> None:
-    state = replace(STATE, errors=(warning(kind, "a reason", parameter="maxSpeed"),))
+    text, hint = "slower than maxSpeed", "place it with initPosition"
+    state = replace(STATE, errors=(warning(kind, text, hint, parameter="maxSpeed"),))
     (error,) = state_message(V3, state)["errors"]
+    assert error["errorDescription"] == "slower than maximumSpeed"
+    assert error["errorHint"] == "place it with initializePosition"
     assert (error["errorType"], error["errorLevel"]) == (name, level)
     assert error["errorReferences"] == [
         {"referenceKey": "parameter", "referenceValue": "maximumSpeed"}

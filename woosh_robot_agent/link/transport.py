@@ -32,7 +32,9 @@ _CLOSED = Sentence("closed by the other end")()
 _NO_CLOSE = Sentence("the connection ended without a close frame")()
 _CODE = Sentence("closed with code {code}")
 _SENT_TOO_BIG = Sentence("{text} (a frame from this side is too large for the other end)")
-_GOT_TOO_BIG = Sentence("{text} (a frame is over the limit; raise max_frame_size)")
+_GOT_TOO_BIG = Sentence(
+    "{text} (a frame is over the limit; raise max_frame_size, a parameter of the agent)"
+)
 _CUT = Sentence("closed in the middle of a frame")()
 CHUNK = 256 * 1024
 """Size of the pieces in which large frames are read and written, in bytes."""

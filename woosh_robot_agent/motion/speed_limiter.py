@@ -178,7 +178,7 @@ class SpeedLimiter:
         for report in reports.fbs:
             if report.action == _MOVE_BASE:
                 navigates = report.state in EXECUTING
-                if navigates and not self._action_navigates:
+                if navigates != self._action_navigates:
                     self._begin()
                 self._action_navigates = navigates
         self._send()

@@ -230,7 +230,8 @@ class VelocityDriver:
             self._log_refusal("not permitted", reason)
         elif moves and self._silenced:  # rule 3
             pause = f"{self._gate.timing.pause:g}"
-            self._log_refusal("silenced", _SILENCED(reason=self._silenced, seconds=pause))
+            kind = f"silenced: {self._silenced}"
+            self._log_refusal(kind, _SILENCED(reason=self._silenced, seconds=pause))
         elif moves and (owner := self._owner):  # rule 2
             self._log_refusal("owner", _OWNED(owner=owner))
         elif self._chassis.state is not LinkState.READY:  # rule 5

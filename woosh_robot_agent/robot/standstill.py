@@ -41,6 +41,7 @@ from woosh_robot_agent.robot.who_drives import command_name
 from woosh_robot_agent.sentences import AND, THEN, Sentence, joined
 
 _KEY = Sentence("the key switch is at manual")()
+_MANUAL = Sentence("its control mode is manual")()
 _STOP = Sentence("the emergency stop is pressed")()
 _BRAKE = Sentence("the brake or the servo drives are released")()
 _OBSTACLE = Sentence("an obstacle is in the way")()
@@ -70,7 +71,7 @@ def _causes(info: RobotInfo) -> Iterator[tuple[str, bool | None]]:
     hardware = info.device_state.hardware
     yield _STOP, bool(hardware & DeviceState.kEmgBtn) if has_device_state else None
     # software can set the reported mode to automatic while the key switch is at manual
-    yield _KEY, True if info.mode.ctrl == robot.kManual else None
+    yield (_MANUAL, True) if info.mode.ctrl == robot.kManual else (_KEY, None)
     yield _BRAKE, True if hardware & DeviceState.kServoBtn else None
     yield _OBSTACLE, None
     yield _CHARGER, is_charging(info.battery) if info.HasField("battery") else None

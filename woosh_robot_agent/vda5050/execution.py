@@ -215,11 +215,16 @@ class Execution:
         return place is not None and place.initialised
 
     @property
+    def _is_acting(self) -> bool:
+        """True while an action runs that is of the order, or for which other actions may wait."""
+        return self.order.acting or bool(self.active)
+
+    @property
     def _has_lost_position(self) -> bool:
         """True if the robot has lost its position, which clears an order in version 3."""
         if not self.version.is_3 or self.robot.position is None or self._is_located:
             return False
-        return not (self.order.acting or self.active)  # an action may set the position
+        return not self._is_acting  # an action may set the position
 
     def errors(self) -> list[VehicleError]:
         """Return the error of a lost link, and errors that tell why the order or robot waits."""
@@ -249,12 +254,15 @@ class Execution:
                     **references,
                 )
             )
-        if self.order.busy and self._must_wait:
+        if not self.order.can_go_on:  # it waits for an update, or can only be cancelled
+            return errors
+        if self._must_wait:
             info = self.robot.info
-            kind = info.task_proc.type if info is not None and self.drive.foreign_id else None
+            is_foreign = self.drive.foreign_id not in (0, self.tasks.id)
+            kind = info.task_proc.type if info is not None and is_foreign else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
             errors.append(warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint))
-        elif self.order.busy and self._has_charging_task:
+        elif self._has_charging_task:
             errors.append(
                 warning(
                     ErrorType.ROBOT_BUSY,
@@ -262,7 +270,7 @@ class Execution:
                     "end it with stopCharging, or wait for its end",
                 )
             )
-        elif self.order.busy and self.link.ready and not self._is_located:
+        elif self.link.ready and not (self._is_located or self._is_acting):
             errors.append(
                 warning(
                     ErrorType.NOT_AVAILABLE,

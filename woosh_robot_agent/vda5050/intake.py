@@ -20,6 +20,7 @@ from woosh_robot_agent.vda5050.messages.reading import (
 from woosh_robot_agent.vda5050.messages.state import (
     NO_POSITION,
     NOT_AUTOMATIC,
+    NOT_READ,
     ErrorType,
     OperatingMode,
     RejectedError,
@@ -36,7 +37,6 @@ _MANY_POINTS = Sentence("the trajectories have {count} control points, more than
 _TOO_SLOW = Sentence("the robot cannot drive as slowly as maxSpeed: {speed}")
 _NO_MARK = Sentence("node {node} has no position, and the robot has no mark of that name")
 _NO_MAP = Sentence("the robot has no map {map}")
-_NOT_READ = Sentence("the robot has not sent its maps and marks yet")
 _TRAJECTORY = Sentence("the robot cannot drive the trajectory: {reason}")
 _UNSUPPORTED = Sentence("the robot cannot obey {fields} of {place}")
 _LOST_BEGINNING = Sentence("it is an update of an order that the vehicle does not have")
@@ -139,7 +139,7 @@ class OrderCheck:
         is_missing = position is None or position.map_id not in maps
         if is_missing and not (self._knows_marks if position is None else knows_maps):
             raise self._error(
-                ErrorType.ORDER, _NOT_READ(), "send the order again later", nodeId=node.id
+                ErrorType.ORDER, NOT_READ(), "send the order again later", nodeId=node.id
             )
         if position is None:
             raise self._error(

@@ -203,7 +203,7 @@ def test_a_refusal_is_explained(robot: Robot, logs: Logs) -> None:
     robot.chassis.set_emergency_stop(True)
     goal = Nav2Client(robot, "follow_waypoints", poses=[ahead(1.0)] * 3)
     assert missed(goal.wait_aborted("emergency stop")) == []
-    logs.wait_text("emergency stop")
+    logs.wait_text("follow_waypoints: the goal is aborted", "emergency stop")
 
 
 def test_all_goals_are_aborted_when_the_agent_stops(own_robot: Robot) -> None:

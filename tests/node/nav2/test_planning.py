@@ -79,6 +79,12 @@ def test_without_a_path_the_reason_is_told(robot: Robot) -> None:
             "to (1000.00, 1000.00): choose a goal on free floor", code="NO_VALID_PATH"
         )
     through_poses(robot, []).wait_aborted(code="NO_VIAPOINTS_GIVEN")
+    robot.chassis.lose_localisation()
+    robot.chassis.inject("refuse", type=PLAN, count=1)
+    goal = Nav2Client(robot, "compute_path_to_pose", goal=ahead(3.0))
+    goal.wait_aborted(
+        "the robot has lost its localisation: call robot/SetRobotPose", code="UNKNOWN"
+    )
     answer_with_json(robot.chassis, PLAN, body={"path": 5})
     goal = Nav2Client(robot, "compute_path_to_pose", goal=ahead(3.0))
     goal.wait_aborted("sent no usable path")

@@ -161,6 +161,13 @@ async def test_a_speed_limit_holds_for_tasks_and_for_the_stick(chassis: Simulato
         chassis.refuse(full_name(ChangeNavMode), "not today")
         await viewer.give("speedLimit", limit=0.1)
         await viewer.until(lambda parts: parts["control"]["speedRefusal"] == "not today")
+        refused = chassis.counts[full_name(ChangeNavMode)]
+        await viewer.give("speedLimit", limit=None)
+        await eventually(lambda: chassis.counts[full_name(ChangeNavMode)] > refused)
+        await viewer.give("sound", mute=True, volume=5)  # the refusal comes before its answer
+        await viewer.until(lambda parts: parts["robot"]["sound"]["volume"] == 5)
+        assert viewer.parts["control"]["speedRefusal"] == ""
+        await viewer.give("speedLimit", limit=0.1)
         await viewer.give("cancel")
         async with viewer.holds(5.0):
             await eventually(lambda: any(each.linear for each in velocities(chassis)))

@@ -36,7 +36,7 @@ _REPR.maxstring = _REPR.maxother = 40
 
 def bad_value_error(path: str, value: object, error: Exception) -> FieldError:
     """Return the FieldError for a `value` at `path` that a setter refused with `error`."""
-    why = _cut(str(error), _MAX_REASON)  # `float()` repeats a value of many MiB in its text
+    why = _cut(_text(str(error)), _MAX_REASON)  # `float()` repeats a value of many MiB in its text
     return FieldError(path, f"{brief_repr(value)} does not fit ({why})")
 
 

@@ -64,7 +64,6 @@ class GoalEnd(Exception):
         code: name of the error code in the action's result. If the result's type lacks that code,
             it becomes UNKNOWN.
         outcome: final state of the goal.
-        is_logged: True if the reason is already logged.
     """
 
     def __init__(
@@ -73,12 +72,10 @@ class GoalEnd(Exception):
         code: str = "UNKNOWN",
         *,
         outcome: Outcome = Outcome.ABORTED,
-        is_logged: bool = False,
     ) -> None:
         super().__init__(text)
         self.code = code
         self.outcome = outcome
-        self.is_logged = is_logged
 
 
 class CancelLog:
@@ -144,7 +141,7 @@ class FailedCommand(GoalEnd):
             details = "" if text in ("", "cancelled") else f" ({text})"
             text = f"cancelled by {canceller}{details}"
         text = text or "the chassis ended it, and did not say why"
-        super().__init__(text, is_logged=end.cause is Cause.REFUSAL)
+        super().__init__(text)
         self.cause = end.cause
         self.status_code = code
 
@@ -564,7 +561,7 @@ class Nav2Action(ABC):
             reason = None
         except GoalEnd as end:
             reason = end
-            if end.outcome is Outcome.ABORTED and not end.is_logged:
+            if end.outcome is Outcome.ABORTED:
                 level = logging.INFO if str(end) == _REPLACED else logging.WARNING
                 _LOG.log(level, "%s: the goal is aborted: %s", self.name, end)
         except Exception as error:

@@ -13,6 +13,7 @@ from woosh_robot_agent.link import FrameError, LinkError, RequestTimeoutError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
+from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED
 from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, to_duration
 from woosh_robot_agent.ros.nav2.navigation import chassis_pose, poses_in, transform_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
@@ -81,6 +82,9 @@ class _Planning(Nav2Action):
             here, there = (
                 f"({each.pose.position.x:.2f}, {each.pose.position.y:.2f})" for each in (start, end)
             )
+            for objection in self.context.objections_except_busy:
+                if objection in (NOT_INITIALISED, LOST):
+                    raise GoalEnd(f"{objection} (the chassis: {answer.reason})")
             text = f"no free path from {here} to {there}: choose a goal on free floor"
             raise GoalEnd(f"{text} (the chassis: {answer.reason})", "NO_VALID_PATH")
         # firmware answers with the type NavPath or PlanNavPath; the content is a NavPath

@@ -104,7 +104,7 @@ class CmdVel(Part):
     def _device_changed(self, state: DeviceState) -> None:
         self._is_pressed = bool(state.hardware & DeviceState.kEmgBtn)
         if self._is_pressed:
-            self._driver.silence(EMERGENCY_STOP.reason)
+            self._driver.silence(str(EMERGENCY_STOP))
 
     def _answered(self, command: AnsweredCommand) -> None:
         """Take the mode from an answer: its report may come after a stream that begins then."""
@@ -132,7 +132,7 @@ class CmdVel(Part):
         values = (velocity.linear.x, velocity.linear.y, velocity.angular.z)
         if self._is_pressed and any(values):  # after a zero or a pause, too
             self._driver.note_received(True, published)
-            self._driver.silence(EMERGENCY_STOP.reason)
+            self._driver.silence(str(EMERGENCY_STOP))
         if objection:
             self._driver.refuse("age", objection, published)
             return

@@ -20,6 +20,7 @@ from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SetRobotPose
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.ros.actions.run import REPLACED
 from woosh_robot_agent.ros.bridge import Reply
 from woosh_robot_agent.ros.logs import log_as
 from woosh_robot_agent.ros.standard.part import Part, PartContext
@@ -142,18 +143,16 @@ class GoalPose(Part):
             self._waiting_cancels.clear()
         if handle.accepted:  # always true, except during shutdown
             result = handle.get_result_async()
-            result.add_done_callback(lambda future: self._ended(number, handle, future))
+            result.add_done_callback(lambda future: self._ended(handle, future))
 
-    def _ended(self, number: int, handle: Any, future: Any) -> None:
-        """Log that a goal was reached, or that the newest one was aborted.
-
-        An older goal is aborted because a newer one replaces it.
-        """
+    def _ended(self, handle: Any, future: Any) -> None:
+        """Log that a goal was reached, or was aborted unless a newer one replaces it."""
         log_as(self._context.robot.node.get_logger())
         self._handles.remove(handle)
         response = future.result()
-        if response.status == GoalStatus.STATUS_ABORTED and number == self._newest:
-            _LOG.error("goal_pose was not reached: %s", response.result.ret.msg)
+        reason = response.result.ret.msg
+        if response.status == GoalStatus.STATUS_ABORTED and reason != REPLACED:
+            _LOG.error("goal_pose was not reached: %s", reason)
         elif response.status == GoalStatus.STATUS_SUCCEEDED:
             _LOG.info("goal_pose was reached")
 

@@ -18,6 +18,7 @@ from woosh_robot_agent.vda5050.messages.factsheet import ActionType, ParameterTy
 from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
 from woosh_robot_agent.vda5050.messages.state import (
     NO_POSITION,
+    NOT_READ,
     ROBOT_REFUSED,
     ActionFailedError,
     ActionStatus,
@@ -157,13 +158,14 @@ class Run:
         """Check that the robot stands at a mark, or so near that it only has to dock.
 
         Raises:
-            ActionFailedError: the robot is too far from the mark, it does not know its position, or
-                the map has no such mark.
+            ActionFailedError: the robot is too far from the mark, it does not know its position,
+                the map has no such mark, or the marks are not known yet.
         """
         here = self.require_position()
-        place = self.execution.maps.find_mark(mark, here.map_id)
+        maps = self.execution.maps
+        place = maps.find_mark(mark, here.map_id)
         if place is None:
-            raise ActionFailedError(_NO_MARK(mark=mark))
+            raise ActionFailedError(_NO_MARK(mark=mark) if maps.knows_marks else NOT_READ())
         distance = math.dist(place.point, here.point)
         if distance > REACH:
             away = f"{distance:.1f}"

@@ -18,6 +18,8 @@ NO_STATE = Sentence("the robot has not reported its state yet")
 """Reason of a failure before the first report of the robot."""
 NO_POSITION = Sentence("the robot does not know its position")
 """Reason why nothing that needs the position of the robot is performed."""
+NOT_READ = Sentence("the robot has not sent its maps and marks yet")
+"""Reason why nothing that needs a map or mark of the robot is performed."""
 
 
 class ErrorLevel(Enum):

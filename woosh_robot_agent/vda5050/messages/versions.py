@@ -77,8 +77,8 @@ class Version:
     Attributes:
         number: number of the version, e.g. `2.1.0`.
         received: topics of the master control that the vehicle subscribes to.
-        names: names of fields by their names in version 2.1, where they differ; empty for a field
-            that this version does not have.
+        names: names of fields, and of an action, by their names in version 2.1, where they differ;
+            empty for a field that this version does not have.
         values: values of enumerations by their values in the connector, where they differ.
         unsupported_edge_fields: fields of an edge that the robot cannot obey; see also
             `OBEYED_ANYWAY`.
@@ -191,6 +191,8 @@ V3_0 = Version(
         "speedMax": "maximumSpeed",
         "speedMin": "minimumSpeed",
         "vehicleConfig": "mobileRobotConfiguration",
+        # actions that hints of errors name
+        "initPosition": "initializePosition",
         # optional parameters in the factsheet
         "order.edges.maxSpeed": "order.edges.maximumSpeed",
         "order.edges.rotationAllowed": "",

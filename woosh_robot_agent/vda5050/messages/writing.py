@@ -284,9 +284,17 @@ def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
     return [each for each in state.errors if each.type != ErrorType.NOT_AVAILABLE]
 
 
+_NAMES_IN_TEXTS = ("initPosition", "maxSpeed")
+"""Names in the texts of errors that are other ones in some versions."""
+
+
 def _error(version: Version, error: VehicleError) -> Fields:
     """Return an error, with the names that the version gives its type, level and references."""
     kind = version.error_type(error.type)
+    description, hint = error.description, error.hint
+    for name in _NAMES_IN_TEXTS:
+        description = description.replace(name, version.name(name))
+        hint = hint.replace(name, version.name(name))
     references = [
         (key, (version.name(value) or value) if key == "parameter" else value)
         for key, value in error.references
@@ -295,8 +303,8 @@ def _error(version: Version, error: VehicleError) -> Fields:
         {
             "errorType": kind,
             "errorLevel": version.error_levels.get(kind, error.level.value),
-            "errorDescription": error.description,
-            "errorHint": error.hint,
+            "errorDescription": description,
+            "errorHint": hint,
             "errorReferences": [
                 {"referenceKey": key, "referenceValue": value} for key, value in references
             ],

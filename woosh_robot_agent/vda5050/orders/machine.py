@@ -142,6 +142,16 @@ class OrderMachine:
         return bool(self._actions.running)
 
     @property
+    def can_go_on(self) -> bool:
+        """True if the order has a next step: an action to start, or a released edge."""
+        return self.error is None and not self.canceling and self._has_next_step
+
+    @property
+    def _has_next_step(self) -> bool:
+        edges = self._route.edges
+        return bool(self._actions.triggered or (edges and edges[0].released))
+
+    @property
     def errors(self) -> tuple[VehicleError, ...]:
         """Why the order does not go on; empty while it goes on."""
         if self.error is not None:
@@ -453,8 +463,7 @@ class OrderMachine:
         """
         route = self._route
         last = route.last_node
-        can_go_on = self._actions.triggered or (route.edges and route.edges[0].released)
-        if not route.must_check_place or self.driving or not can_go_on:
+        if not route.must_check_place or self.driving or not self._has_next_step:
             return True
         if last is not None and last.position is not None:
             if route.position is None or not may_check:  # somebody may still move the vehicle

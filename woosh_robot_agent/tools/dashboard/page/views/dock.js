@@ -108,10 +108,11 @@ function CurrentTask() {
   return html`<${Now} title=${title} text=${hints.filter(Boolean).join(" ")} />`;
 }
 
-/** Return the speed limit; empty without one. */
+/** Return the speed limit, or that the robot has refused it; empty without one. */
 function limitText() {
-  const limit = store.control.value?.speedLimit;
-  return limit ? t("dock.limit", { limit }) : "";
+  const { speedLimit: limit, speedRefusal } = store.control.value ?? {};
+  if (!limit) return "";
+  return speedRefusal ? t("dock.limitRefused") : t("dock.limit", { limit });
 }
 
 /**

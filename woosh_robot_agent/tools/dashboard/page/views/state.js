@@ -69,7 +69,7 @@ export function State() {
 /** @param {{robot: store.Robot}} props */
 function Summary({ robot }) {
   const pose = store.pose.value;
-  const { driver, speedLimit } = store.control.value ?? {};
+  const { driver, speedLimit, speedRefusal } = store.control.value ?? {};
   return html`<section>
     <${NewTask} robot=${robot} />
     <dl class="facts-list" id="facts">
@@ -96,7 +96,10 @@ function Summary({ robot }) {
       ${
         speedLimit &&
         html`<dt>${t("setup.limit")}</dt>
-          <dd>${speedLimit} m/s</dd>`
+          <dd>
+            ${speedLimit} m/s
+            ${speedRefusal && html`<small>${t("setup.limitRefused", { reason: speedRefusal })}</small>`}
+          </dd>`
       }
       ${robot.actions.map(
         ({ name, state, text }) =>
