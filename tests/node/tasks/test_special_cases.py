@@ -5,6 +5,7 @@ test_real_tasks.py has the usual course, with the disturbances that real robots 
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -34,6 +35,7 @@ from tests.node.tasks.scripted_chassis import (
     TASK_PROC,
     Body,
 )
+from woosh_robot_agent.ros.actions import tasks
 from woosh_robot_msgs.action import ExecTask
 
 STATUS_CODE = "woosh.robot.count.StatusCode"
@@ -57,7 +59,11 @@ def test_a_goal_waits_for_its_first_report(robot: ScriptedRobot, lost: bool) -> 
     assert_ended(goal, reports(task_id, "pick"))
 
 
-def test_a_task_that_the_chassis_forgets_is_given_up(robot: ScriptedRobot) -> None:
+@pytest.mark.parametrize("now", [1.8e9, 2.0**31], ids=["now", "from 2038 on"])
+def test_a_task_that_the_chassis_forgets_is_given_up(
+    robot: ScriptedRobot, monkeypatch: pytest.MonkeyPatch, now: float
+) -> None:
+    monkeypatch.setattr(tasks, "time", SimpleNamespace(time=lambda: now))
     robot.set_goal_timing(first_report_timeout=0.5)
     goal = robot.start(next(IDS))
     ret = goal.wait_aborted("does not know the task any more; it is executing no task")

@@ -93,6 +93,8 @@ OUTCOMES = {
     task_pb2.kCanceled: Outcome.CANCELED,
 }
 """Outcome by the state of a task. A task in any other state has not ended."""
+_MAX_TIME = 2**31 - 1
+"""Latest Unix time that a TaskProc can hold, in seconds: in January 2038."""
 
 
 class TaskSetGoal:
@@ -191,13 +193,7 @@ class TaskSetGoal:
         _note_polled_end(self._context, self._last.robot_task_id, end)
 
     def failure(self, reason: str) -> Message:
-        return TaskProc(
-            robot_task_id=self._last.robot_task_id,
-            type=self._last.type,
-            state=task_pb2.kFailed,
-            msg=reason,
-            time=int(time.time()),
-        )
+        return _failure(self._last.robot_task_id, self._last.type, reason)
 
     def _is_of_set(self, report: TaskProc) -> bool:
         return bool(self._id) and report.robot_task_id // TASKS_PER_SET == self._id
@@ -304,13 +300,7 @@ class TaskGoal:
         _note_polled_end(self._context, self._id, end)
 
     def failure(self, reason: str) -> Message:
-        return TaskProc(
-            robot_task_id=self._id,
-            type=self._type,
-            state=task_pb2.kFailed,
-            msg=reason,
-            time=int(time.time()),
-        )
+        return _failure(self._id, self._type, reason)
 
     def _may_be_end(self, old: TaskProc) -> bool:
         """Return True if a history entry can be the end of this task, not of an earlier task."""
@@ -329,3 +319,14 @@ class TaskGoal:
 
 def _report(message: TaskProc) -> Report:
     return Report(message, OUTCOMES.get(message.state))
+
+
+def _failure(task_id: int, kind: Any, reason: str) -> TaskProc:
+    """Return a report that a task of the type `kind` has failed."""
+    return TaskProc(
+        robot_task_id=task_id,
+        type=kind,
+        state=task_pb2.kFailed,
+        msg=reason,
+        time=min(int(time.time()), _MAX_TIME),
+    )
