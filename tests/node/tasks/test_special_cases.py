@@ -93,7 +93,11 @@ def test_an_end_that_was_not_seen_is_noticed(robot: ScriptedRobot, seen: str, to
         robot.chassis.keep(TASK_PROC, end)
         if told == "by nobody":
             robot.chassis.forget_history()
-        now = report(task_id * 100 + 53, (3, NAV, RUNS)) if seen == "another task" else empty()
+        now = (
+            report(task_id * 100 + 53, (3, NAV, RUNS))
+            if seen == "another task"
+            else empty(end["time"])
+        )
         is_pushed = seen in ("an empty report", "another task")
         (robot.chassis.push if is_pushed else robot.chassis.keep)(TASK_PROC, now)
         if seen != "nothing":
@@ -117,7 +121,7 @@ def test_an_end_without_a_link_is_noticed_after_the_reconnect(robot: ScriptedRob
 
     def meanwhile() -> None:
         robot.chassis.keep(TASK_PROC, end)
-        robot.chassis.keep(TASK_PROC, empty())
+        robot.chassis.keep(TASK_PROC, empty(end["time"]))
 
     robot.reconnect(meanwhile)
     assert_ended(goal, [first, end])
@@ -129,7 +133,7 @@ def test_an_empty_report_makes_the_agent_ask_at_once(robot: ScriptedRobot) -> No
     expected = reports(task_id, "cancelled")
     goal = robot.start(task_id, expected[0])
     robot.chassis.keep(TASK_PROC, expected[-1])
-    robot.chassis.push(TASK_PROC, empty())
+    robot.chassis.push(TASK_PROC, empty(expected[-1]["time"]))
     assert_ended(goal, [expected[0], expected[-1]])
 
 
@@ -194,7 +198,7 @@ def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(
     robot: ScriptedRobot, seen: bool, tells_time: bool
 ) -> None:
     chassis, task_id = robot.chassis, next(IDS)
-    idle = empty() if tells_time else {**empty(), "time": 0}
+    idle = empty() if tells_time else empty(0)
     if seen:
         before = reports(task_id, "cancelled")
         goal = robot.start(task_id)
@@ -210,6 +214,20 @@ def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(
     expected = [{**body, "time": body["time"] + 60} for body in reports(task_id, sequence)]
     chassis.push_all(TASK_PROC, [*expected, empty()])
     assert_ended(goal, expected)
+
+
+def test_an_end_is_found_after_the_robots_clock_was_set_back(robot: ScriptedRobot) -> None:
+    """The history has an earlier task with the same id, which ended later by that clock."""
+    chassis, task_id = robot.chassis, next(IDS)
+    before = [{**body, "time": body["time"] + 7200} for body in reports(task_id, "cancelled")]
+    goal = robot.start(task_id)
+    chassis.push_all(TASK_PROC, [*before, empty()])
+    assert_ended(goal, before)
+    first, *_, end = reports(task_id, "pick")
+    goal = robot.start(task_id, first)
+    chassis.keep(TASK_PROC, end)
+    chassis.push(TASK_PROC, empty(end["time"]))
+    assert_ended(goal, [first, end])
 
 
 # Cancelled by the client
@@ -235,7 +253,7 @@ def test_a_cancel_by_the_client(robot: ScriptedRobot, order: str, paused: bool) 
             robot.chassis.answer()
         robot.chassis.push(TASK_PROC, cancels)
         (robot.chassis.keep if order == "end not seen" else robot.chassis.push)(TASK_PROC, end)
-        robot.chassis.push(TASK_PROC, empty())
+        robot.chassis.push(TASK_PROC, empty(end["time"]))
         robot.chassis.push(ROBOT_STATE, IDLE)
         if order == "reports first":
             robot.chassis.answer()
