@@ -198,6 +198,8 @@ def test_after_a_lost_link_the_map_grows_on_or_the_scenes_map_is_shown(
     mapping.state = robot.kUninit  # the robot finishes meanwhile
     simulator.drop()
     wait_until(lambda: scene_maps(grids) == 2)
+    simulator.drop()  # it may make a map meanwhile
+    wait_until(lambda: scene_maps(grids) == 3)
 
 
 class TestOnDemand:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -32,6 +33,7 @@ from tests.tooling.interface_facts import HASHES
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.ros.releases import PublisherEventCallbacks
+from woosh_robot_agent.tools.recording import ros_recorder
 from woosh_robot_agent.tools.recording.layout import RecordingError
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_msgs.msg import Mode
@@ -102,6 +104,18 @@ def test_ros_topics_are_recorded(tmp_path: Path, simulator: Any, connect: Any, c
         assert f"\n{'=' * 80}\nMSG: {name}\n" in odometry
     assert "/diagnostics" in found
     assert not [topic for topic in found if "/_" in topic]
+
+
+@pytest.mark.parametrize(("jump", "age"), [(0, 2 * 10**8), (7200, 10**9), (-7200, 0)])
+def test_a_jump_of_the_clock_moves_no_message(
+    monkeypatch: pytest.MonkeyPatch, jump: int, age: int
+) -> None:
+    """The file of the frames beside it has the same clock, which does not jump."""
+    info = {"received_timestamp": 1800 * 10**15}
+    wall_clock = info["received_timestamp"] + 2 * 10**8 + jump * 10**9
+    monkeypatch.setattr(ros_recorder, "time", SimpleNamespace(time_ns=lambda: wall_clock))
+    now = 1800 * 10**15 + 2 * 10**8
+    assert now - ros_recorder.received_at(info, now) == age
 
 
 @pytest.fixture

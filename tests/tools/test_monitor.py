@@ -161,6 +161,9 @@ def test_status_codes_after_a_jump_of_the_clock_are_the_newest():
     codes = [StatusCode(code=n, time=10_000 + n) for n in range(50)]
     view = seen(RobotInfo(status_codes=StatusCodes(scs=codes)), StatusCode(code=77, time=5))
     assert [code.code for code in view.codes] == [*range(1, 50), 77]
+    codes = [*codes[-3:], StatusCode(code=77, time=5), StatusCode(code=78, time=6)]
+    view.update(RobotInfo(status_codes=StatusCodes(scs=codes)))  # after a reconnect
+    assert [code.code for code in view.codes] == [*range(2, 50), 77, 78]
 
 
 def test_texts_of_the_robot_cannot_control_the_terminal():

@@ -368,10 +368,17 @@ async def test_the_error_of_a_last_action_whose_end_is_unknown_can_be_cancelled(
 
 
 async def test_a_log_report_is_stored(site: Site, tmp_path: Path) -> None:
+    """Even if a hundred others have later names, because the clock was set back."""
     folder = tmp_path / "reports"
     async with site.online(state_folder=tmp_path) as master:
+        master.instant(action("logReport", "first", reason="a test"))
+        state = await master.status("first", "FINISHED")
+        robot = (folder / result_of(state, "first")).parent
+        for number in range(100):
+            (robot / f"log_report_30{number:02}.json").touch()
         master.instant(action("logReport", "log", reason="a test"))
         state = await master.status("log", "FINISHED")
+        assert len(list(robot.iterdir())) == 100
         content = json.loads((folder / result_of(state, "log")).read_text("utf-8"))
         assert content["reason"] == "a test"
         assert content["robot"]["robot_id"] == 30001

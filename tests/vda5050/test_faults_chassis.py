@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -29,8 +30,11 @@ from tests.vda5050.master import (
     result_of,
     status_of,
 )
+from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import LARGE
+from woosh_robot_agent.motion import timeliness
+from woosh_robot_agent.motion.timeliness import boot_time
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData, SceneList
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode, ExecTask, InitRobot
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskHistory, TaskProc
@@ -126,8 +130,9 @@ async def test_an_action_that_comes_during_a_long_loss_of_the_link_is_not_begun_
     assert site.chassis.counts[full_name(InitRobot)] == (0 if is_long else 1)
 
 
+@pytest.mark.parametrize("suspended", [False, True], ids=["no link", "computer suspended"])
 async def test_a_step_that_waits_for_another_is_not_begun_after_a_long_loss_of_the_link(
-    site: Site, monkeypatch: pytest.MonkeyPatch
+    site: Site, monkeypatch: pytest.MonkeyPatch, suspended: bool
 ) -> None:
     set_speed(site.chassis, 0.2)
     async with site.online() as master:
@@ -135,12 +140,18 @@ async def test_a_step_that_waits_for_another_is_not_begun_after_a_long_loss_of_t
         master.instant(action("step", "one", **steps), action("step", "two", **steps))
         await master.status("one", "RUNNING")
         await master.status("two", "INITIALIZING")
-        monkeypatch.setattr(runner, "_MAX_LOSS", 0.0)
-        async with site.without_link(master):
-            state = await master.status("two", "FAILED")
-            assert status_of(state, "one") == "RUNNING"
+        if suspended:
+            monkeypatch.setattr(timeliness, "boot_time", lambda: boot_time() + 3600.0)
+        else:
+            monkeypatch.setattr(runner, "_MAX_LOSS", 0.0)
+            # as if the clock had been set back during the loss
+            monkeypatch.setattr(ChassisClient, "since", time.time() + 7200.0)
+            async with site.without_link(master):
+                state = await master.status("two", "FAILED")
+                assert status_of(state, "one") == "RUNNING"
         set_speed(site.chassis, 20.0)
         await master.status("one", "FINISHED")
+        await master.status("two", "FAILED")
     assert len(received(site.chassis, CallAction)) == 1
 
 

@@ -452,6 +452,11 @@ class MotionGate:
         return self._stalls.ended
 
     @property
+    def stall_duration(self) -> float:
+        """Duration of the stall at `stall_ended`, in seconds; 0 before the first."""
+        return self._stalls.duration
+
+    @property
     def owner(self) -> str:
         """What drives the robot: `reported_owner`, or else "a goal"; empty if nothing does."""
         return self._reported_owner.name or (_GOAL if self._open_goals() else "")

@@ -82,8 +82,7 @@ class RobotView:
         """
         merged = {code_key(code): code for code in self.codes}
         for code in sorted(codes, key=lambda code: code.time):
-            merged.pop(code_key(code), None)
-            merged[code_key(code)] = code
+            merged.setdefault(code_key(code), code)
         self.codes.clear()
         self.codes.extend(merged.values())
 

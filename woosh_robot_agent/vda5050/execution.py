@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import SpeedLimiter
+from woosh_robot_agent.motion.timeliness import boot_time
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.sentences import Sentence, said_by
@@ -90,6 +92,8 @@ class Execution:
         order_error: why an order was rejected, cleared or lost; None if an order was accepted
             since.
         pause_wanted: True from a startPause to a stopPause.
+        link_lost_at: time at which the link was lost, by `boot_time`; before the first link, the
+            time of creation; inf while there is a link.
     """
 
     def __init__(self, link: RobotLink, version: Version, types: ActionTypes) -> None:
@@ -111,6 +115,7 @@ class Execution:
         self.is_only_connector = True
         self.order_error: VehicleError | None = None
         self.pause_wanted = False
+        self.link_lost_at = boot_time()
         self._refused_speed = ""
         """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
         self._link_was_lost = False
@@ -379,7 +384,10 @@ class Execution:
         self.link.changed()
 
     def _link_changed(self, state: LinkState) -> None:
-        if state is not LinkState.READY:
+        if state is LinkState.READY:
+            self.link_lost_at = math.inf
+        else:
+            self.link_lost_at = min(self.link_lost_at, boot_time())
             self.order.link_lost()
             self._link_was_lost = True
         self.link.changed()

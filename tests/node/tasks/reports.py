@@ -41,9 +41,9 @@ IDS = count(1_719_959_303_788)
 """New task ids, as long as those in the logs of a real robot."""
 
 
-def empty() -> Body:
-    """Return the report of a robot that executes no task."""
-    return {"action": {}, "time": 1719991764, "robotId": 10001}
+def empty(time: int = 1719991764) -> Body:
+    """Return the report of a robot that executes no task, since this time."""
+    return {"action": {}, "time": time, "robotId": 10001}
 
 
 def report(task_id: int, step: tuple[int, int, int], time: int = 1719991764) -> Body:

@@ -5,6 +5,7 @@ test_real_tasks.py has the usual course, with the disturbances that real robots 
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -34,6 +35,7 @@ from tests.node.tasks.scripted_chassis import (
     TASK_PROC,
     Body,
 )
+from woosh_robot_agent.ros.actions import tasks
 from woosh_robot_msgs.action import ExecTask
 
 STATUS_CODE = "woosh.robot.count.StatusCode"
@@ -57,7 +59,11 @@ def test_a_goal_waits_for_its_first_report(robot: ScriptedRobot, lost: bool) -> 
     assert_ended(goal, reports(task_id, "pick"))
 
 
-def test_a_task_that_the_chassis_forgets_is_given_up(robot: ScriptedRobot) -> None:
+@pytest.mark.parametrize("now", [1.8e9, 2.0**31], ids=["now", "from 2038 on"])
+def test_a_task_that_the_chassis_forgets_is_given_up(
+    robot: ScriptedRobot, monkeypatch: pytest.MonkeyPatch, now: float
+) -> None:
+    monkeypatch.setattr(tasks, "time", SimpleNamespace(time=lambda: now))
     robot.set_goal_timing(first_report_timeout=0.5)
     goal = robot.start(next(IDS))
     ret = goal.wait_aborted("does not know the task any more; it is executing no task")
@@ -87,7 +93,11 @@ def test_an_end_that_was_not_seen_is_noticed(robot: ScriptedRobot, seen: str, to
         robot.chassis.keep(TASK_PROC, end)
         if told == "by nobody":
             robot.chassis.forget_history()
-        now = report(task_id * 100 + 53, (3, NAV, RUNS)) if seen == "another task" else empty()
+        now = (
+            report(task_id * 100 + 53, (3, NAV, RUNS))
+            if seen == "another task"
+            else empty(end["time"])
+        )
         is_pushed = seen in ("an empty report", "another task")
         (robot.chassis.push if is_pushed else robot.chassis.keep)(TASK_PROC, now)
         if seen != "nothing":
@@ -111,7 +121,7 @@ def test_an_end_without_a_link_is_noticed_after_the_reconnect(robot: ScriptedRob
 
     def meanwhile() -> None:
         robot.chassis.keep(TASK_PROC, end)
-        robot.chassis.keep(TASK_PROC, empty())
+        robot.chassis.keep(TASK_PROC, empty(end["time"]))
 
     robot.reconnect(meanwhile)
     assert_ended(goal, [first, end])
@@ -123,7 +133,7 @@ def test_an_empty_report_makes_the_agent_ask_at_once(robot: ScriptedRobot) -> No
     expected = reports(task_id, "cancelled")
     goal = robot.start(task_id, expected[0])
     robot.chassis.keep(TASK_PROC, expected[-1])
-    robot.chassis.push(TASK_PROC, empty())
+    robot.chassis.push(TASK_PROC, empty(expected[-1]["time"]))
     assert_ended(goal, [expected[0], expected[-1]])
 
 
@@ -188,7 +198,7 @@ def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(
     robot: ScriptedRobot, seen: bool, tells_time: bool
 ) -> None:
     chassis, task_id = robot.chassis, next(IDS)
-    idle = empty() if tells_time else {**empty(), "time": 0}
+    idle = empty() if tells_time else empty(0)
     if seen:
         before = reports(task_id, "cancelled")
         goal = robot.start(task_id)
@@ -204,6 +214,20 @@ def test_the_end_of_an_earlier_task_with_the_same_id_ends_nothing(
     expected = [{**body, "time": body["time"] + 60} for body in reports(task_id, sequence)]
     chassis.push_all(TASK_PROC, [*expected, empty()])
     assert_ended(goal, expected)
+
+
+def test_an_end_is_found_after_the_robots_clock_was_set_back(robot: ScriptedRobot) -> None:
+    """The history has an earlier task with the same id, which ended later by that clock."""
+    chassis, task_id = robot.chassis, next(IDS)
+    before = [{**body, "time": body["time"] + 7200} for body in reports(task_id, "cancelled")]
+    goal = robot.start(task_id)
+    chassis.push_all(TASK_PROC, [*before, empty()])
+    assert_ended(goal, before)
+    first, *_, end = reports(task_id, "pick")
+    goal = robot.start(task_id, first)
+    chassis.keep(TASK_PROC, end)
+    chassis.push(TASK_PROC, empty(end["time"]))
+    assert_ended(goal, [first, end])
 
 
 # Cancelled by the client
@@ -229,7 +253,7 @@ def test_a_cancel_by_the_client(robot: ScriptedRobot, order: str, paused: bool) 
             robot.chassis.answer()
         robot.chassis.push(TASK_PROC, cancels)
         (robot.chassis.keep if order == "end not seen" else robot.chassis.push)(TASK_PROC, end)
-        robot.chassis.push(TASK_PROC, empty())
+        robot.chassis.push(TASK_PROC, empty(end["time"]))
         robot.chassis.push(ROBOT_STATE, IDLE)
         if order == "reports first":
             robot.chassis.answer()

@@ -110,12 +110,19 @@ def test_a_set_of_the_same_tasks_again_does_not_end_as_the_time_before(
     task_set(robot, SET).wait_aborted("does not execute the task set any more")
 
 
+def test_a_set_does_not_end_as_before_the_robots_clock_was_set_back(robot: ScriptedRobot) -> None:
+    robot.chassis.keep(TASK_PROC, proc(1, FAILED, 1719991764 + 7200))
+    goal = started(robot)
+    end_task(robot.chassis, 1)
+    assert goal.result()[0] == SUCCEEDED
+
+
 def test_a_set_that_has_not_begun_does_not_end_as_before_although_the_time_is_unknown(
     robot: ScriptedRobot,
 ) -> None:
     chassis = robot.chassis
     chassis.keep(TASK_PROC, proc(1, COMPLETED))
-    chassis.push(TASK_PROC, {**empty(), "time": 0})
+    chassis.push(TASK_PROC, empty(0))
     asked = chassis.count(EXEC_PRE_TASK)
     chassis.expect(EXEC_PRE_TASK, chassis.answer)
     goal = task_set(robot, SET)
@@ -174,7 +181,7 @@ def test_an_end_during_a_lost_link_is_found(
     robot.chassis.vanish()
     robot.chassis.keep(TASK_PROC, proc(1, COMPLETED, 1719991765))
     robot.chassis.keep(TASK_PROC, proc(2, last, 1719991790))
-    robot.chassis.keep(TASK_PROC, empty())
+    robot.chassis.keep(TASK_PROC, empty(1719991790))
     robot.chassis.keep(ROBOT_STATE, IDLE)
     robot.chassis.listen()
     ended, ret = goal.result()

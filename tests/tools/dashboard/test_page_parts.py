@@ -44,6 +44,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     ScannerData,
     Scene,
 )
+from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import map_source, server
@@ -91,6 +92,27 @@ async def test_a_map_that_cannot_be_had_is_requested_after_ever_longer_pauses(
         source, begin = MapSource(client, lambda: None), clock()
         await wait_requested(source, 2, 8)
         assert clock() - begin > 0.8 * 0.05 * (1 + 2 + 4 + 8 + 16)
+
+
+async def test_a_map_that_was_made_while_nobody_watched_is_shown(chassis: SimulatorThread) -> None:
+    """It may have the name and version of the one before."""
+    async with ChassisClient(
+        config=LinkConfig("127.0.0.1", chassis.port, backoff_min=0.05)
+    ) as client:
+        source = MapSource(client, lambda: None)
+
+        async def wait_shown(number: int) -> None:
+            def is_shown() -> bool:
+                source.update(Scene(scene_name="wooshmap", map_name="wooshmap"), False)
+                return source.number == number
+
+            await eventually(is_shown)
+
+        await wait_shown(1)
+        chassis.push(RobotState(state=robot_pb2.kMapping))
+        await wait_shown(2)
+        chassis.drop()
+        await wait_shown(3)
 
 
 async def test_a_map_grows_while_it_is_made_and_ends_with_its_discard(

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from tests.asynchronous import eventually
-from tests.quick_chassis import quick_config
+from tests.quick_chassis import edit_bodies, quick_config
 from tests.tools.dashboard.pages import Page, controlled, dashboard, is_emergency_stopped, page
 from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
-from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
@@ -111,6 +111,35 @@ async def test_a_task_whose_end_was_not_seen(chassis: SimulatorThread) -> None:
             return next((each for each in found if each["state"] == "unseen"), None)
 
         assert (await viewer.until(ended))["type"] == known["type"] == "pick"
+
+
+@pytest.mark.parametrize(
+    ("end", "begins"), [(task.kCompleted, True), (task.kCanceled, True), (task.kFailed, False)]
+)
+async def test_a_task_whose_id_comes_again_begins_anew(
+    chassis: SimulatorThread, end: task.State, begins: bool
+) -> None:
+    """Sets repeat the ids of their tasks. A task that failed may be retried."""
+    async with controlled(chassis) as viewer:
+        chassis.push(TaskProc(robot_task_id=66601, state=task.kExecuting))
+        first = await newest(viewer, id="66601", running=True)
+        chassis.push(TaskProc(robot_task_id=66601, state=end))
+        ended = await newest(viewer, running=False)
+        await eventually(lambda: time.time() * 1000.0 > ended["changed"] + 1)
+        chassis.push(TaskProc(robot_task_id=66601, state=task.kExecuting))
+        again = await newest(viewer, running=True)
+        assert (again["begun"] > first["begun"]) == begins
+
+        def tell_both(info: RobotInfo) -> None:
+            info.task_proc.CopyFrom(TaskProc(robot_task_id=66601, state=task.kExecuting))
+            info.task_history.tes.add(robot_task_id=66601, state=end)
+
+        edit_bodies(chassis, RobotInfo, tell_both)
+        chassis.stop_listening()
+        await viewer.until(lambda parts: not parts["link"]["good"])
+        chassis.listen()
+        await viewer.until(lambda parts: parts["link"]["good"])
+        assert await newest(viewer, running=True) == again
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ a second. Until then, its state is still that of a robot with a task.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
@@ -44,8 +45,8 @@ async def poll_tasks(
         on_result: called once with the result, in order with the pushes.
         is_of_goal: returns True if the current task is of the goal. It may be called twice.
         read_current: reads the report on the current task, which is of the goal.
-        read_history: reads the last reports on ended tasks; it also gets the report on the current
-            task, which is not of the goal.
+        read_history: reads the last reports on ended tasks, without those that are later than the
+            report on the current task; it also gets the latter, which is not of the goal.
 
     Raises:
         LinkError: the chassis did not answer.
@@ -70,7 +71,9 @@ async def poll_tasks(
     # `current` is a parameter for mypy, which knows that `task` is a TaskProc only out here
     def history_received(answer: Answer, current: TaskProc = task) -> None:
         ended = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
-        on_result(read_history(ended, current))
+        # a later one is from before the robot's clock was set back
+        latest = current.time or math.inf
+        on_result(read_history([old for old in ended if old.time <= latest], current))
 
     await context.chassis.request(context.empty(TaskHistory), tap=history_received)
 
@@ -93,6 +96,8 @@ OUTCOMES = {
     task_pb2.kCanceled: Outcome.CANCELED,
 }
 """Outcome by the state of a task. A task in any other state has not ended."""
+_MAX_TIME = 2**31 - 1
+"""Latest Unix time that a TaskProc can hold, in seconds: in January 2038."""
 
 
 class TaskSetGoal:
@@ -191,13 +196,7 @@ class TaskSetGoal:
         _note_polled_end(self._context, self._last.robot_task_id, end)
 
     def failure(self, reason: str) -> Message:
-        return TaskProc(
-            robot_task_id=self._last.robot_task_id,
-            type=self._last.type,
-            state=task_pb2.kFailed,
-            msg=reason,
-            time=int(time.time()),
-        )
+        return _failure(self._last.robot_task_id, self._last.type, reason)
 
     def _is_of_set(self, report: TaskProc) -> bool:
         return bool(self._id) and report.robot_task_id // TASKS_PER_SET == self._id
@@ -292,7 +291,7 @@ class TaskGoal:
 
     def _read_history(self, ended: Iterable[TaskProc], current: TaskProc) -> PollResult:
         """Return the end of this task in the history, or that the chassis does not know it."""
-        ends = [old for old in ended if self._may_be_end(old)]
+        ends = [old for old in ended if self._may_be_end(old, current)]
         if ends:
             return PollResult([_report(max(ends, key=lambda old: old.time))])
         doing = f"task {current.robot_task_id}" if current.robot_task_id else "no task"
@@ -304,22 +303,24 @@ class TaskGoal:
         _note_polled_end(self._context, self._id, end)
 
     def failure(self, reason: str) -> Message:
-        return TaskProc(
-            robot_task_id=self._id,
-            type=self._type,
-            state=task_pb2.kFailed,
-            msg=reason,
-            time=int(time.time()),
-        )
+        return _failure(self._id, self._type, reason)
 
-    def _may_be_end(self, old: TaskProc) -> bool:
-        """Return True if a history entry can be the end of this task, not of an earlier task."""
+    def _may_be_end(self, old: TaskProc, current: TaskProc) -> bool:
+        """Return True if a history entry can be the end of this task, not of an earlier task.
+
+        Args:
+            current: the report on the current task, which is not this task.
+        """
         if old.robot_task_id != self._id or old.state not in OUTCOMES:
             return False
         previous_time = 0 if self._previous is None else self._previous.time
-        if old == self._previous or old.time < previous_time:
+        if old == self._previous:
             return False
-        if self.attribution.has_report:
+        has_report = self.attribution.has_report
+        # an entry that is earlier than `_previous` is new if the robot's clock was set back
+        if old.time < previous_time and not (has_report and 0 < current.time < previous_time):
+            return False
+        if has_report:
             return True
         if self._since:  # without a report on this goal, only the time tells
             return old.time > self._since
@@ -329,3 +330,14 @@ class TaskGoal:
 
 def _report(message: TaskProc) -> Report:
     return Report(message, OUTCOMES.get(message.state))
+
+
+def _failure(task_id: int, kind: Any, reason: str) -> TaskProc:
+    """Return a report that a task of the type `kind` has failed."""
+    return TaskProc(
+        robot_task_id=task_id,
+        type=kind,
+        state=task_pb2.kFailed,
+        msg=reason,
+        time=min(int(time.time()), _MAX_TIME),
+    )

@@ -137,7 +137,7 @@ class MapVersion(NamedTuple):
 
 
 class Map(Part):
-    """Publishes map and keepout_mask on demand, and when the scene, map or version changes.
+    """Publishes map and keepout_mask on demand, after a lost link, and when the map changes.
 
     A map can have many MiB, so it is requested only for a subscriber. Failed requests are retried.
     While the robot is making a map, this growing map is published instead, whenever it is reported.
@@ -187,6 +187,7 @@ class Map(Part):
         if info.HasField("scene"):
             self._scene_reported(info.scene)
         if not self._costs_link:
+            self._published = None  # the robot may have made a new map with the same version
             self._request_soon()
 
     def _scene_reported(self, scene: Scene) -> None:

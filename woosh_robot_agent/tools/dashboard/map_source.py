@@ -12,7 +12,8 @@ from woosh_robot_agent.link import Body, ChassisClient, FrameError, LinkError, L
 from woosh_robot_agent.link.reconnect import Backoff
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
-from woosh_robot_agent.pb.robot.robot_pb2 import Scene
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, Scene
+from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.maps import (
     MapError,
     check_resolution_and_origin,
@@ -81,7 +82,7 @@ class MapSource:
         self._shown: object = None
         """Scene, id, name and version of `picture`.
 
-        None without a picture, or if it shows a map that the robot is making.
+        None without a picture, and if it shows a map that the robot is making, or may be outdated.
         """
         self._picture_task: asyncio.Task[None] | None = None
         """Request of a map, or conversion of the picture of a map that the robot is making."""
@@ -97,6 +98,8 @@ class MapSource:
         self._scenes_task: asyncio.Task[None] | None = None
         self._scenes_due = -math.inf
         """Loop time from which the list of scenes is requested again."""
+        chassis.on_snapshot(lambda _: self._forget())
+        chassis.subscribe(RobotState, self._state_reported)
 
     def data(self, scene: Scene, mapping: bool) -> dict[str, Any]:
         """Return the data of the part `map` of the page.
@@ -146,6 +149,14 @@ class MapSource:
         is_busy = self._picture_task is not None and not self._picture_task.done()
         if not is_busy and asyncio.get_running_loop().time() >= self._not_before:
             self._start_picture_task(self._request_map(wanted))
+
+    def _state_reported(self, report: RobotState) -> None:
+        if report.state == robot.kMapping:
+            self._forget()
+
+    def _forget(self) -> None:
+        """Request the map again: the robot may make a new one with the same version."""
+        self._shown = None
 
     def _update_scenes(self) -> None:
         loop = asyncio.get_running_loop()

@@ -109,7 +109,10 @@ class TaskLog:
     def _snapshot(self, info: RobotInfo) -> None:
         """Note the tasks that the robot reports at the beginning of a link."""
         offset = self._robot.chassis.stats.clock_offset or 0.0
+        running = info.task_proc.robot_task_id if is_unfinished(info.task_proc) else 0
         for report in info.task_history.tes:
+            if report.robot_task_id == running:  # the end of an earlier task with the same id
+                continue
             known = self._tasks.get(report.robot_task_id)
             if known is None or known.report.state != report.state:
                 self._update(report, int(1000.0 * (report.time - offset)))
@@ -133,7 +136,13 @@ class TaskLog:
     def _update(self, report: TaskProc, reported: int) -> None:
         """Note a report about a task; `reported` is its Unix time, in milliseconds."""
         known = self._tasks.get(report.robot_task_id)
-        if known is None:
+        # sets repeat their ids; a robot may also retry a task that failed
+        begins_again = (
+            known is not None
+            and is_unfinished(report)
+            and known.report.state in (task.kCompleted, task.kCanceled)
+        )
+        if known is None or begins_again:
             known = self._tasks[report.robot_task_id] = _Task()
             if is_unfinished(report):
                 known.begun = reported

@@ -255,7 +255,9 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             port = await _listen(proxy, host, port)
             stack.push_async_callback(proxy.stop)
             if options.ros:
-                ros_recorder = _start_ros(options, limits, partial(on_early_end, "ROS messages"))
+                ros_recorder = _start_ros(
+                    options, limits, partial(on_early_end, "ROS messages"), writer.now
+                )
                 stack.callback(ros_recorder.close)
         except RecordingError:
             writer.discard()  # an empty file would block the next attempt
@@ -291,7 +293,10 @@ async def _listen(proxy: RecordingProxy, host: str, port: int) -> int:
 
 
 def _start_ros(
-    options: argparse.Namespace, limits: Limits, on_early_end: Callable[[str], None]
+    options: argparse.Namespace,
+    limits: Limits,
+    on_early_end: Callable[[str], None],
+    now: Callable[[], int],
 ) -> RosRecorder:
     """Start the recording of ROS topics. Raise `RecordingError` if that is not possible."""
     try:
@@ -303,7 +308,7 @@ def _start_ros(
     output = options.output
     path = output.with_name(f"{output.stem}_ros{output.suffix}")
     try:
-        return RosRecorder(options.ros, path, limits, on_early_end)
+        return RosRecorder(options.ros, path, limits, on_early_end, now)
     except OSError as error:
         raise RecordingError(_cannot_create(error)) from None
     except Exception as error:  # rclpy raises many types for invalid names and arguments

@@ -71,6 +71,8 @@ _FLUSH_PERIOD = 1.0
 """Time between two flushes of the file, in seconds."""
 _DEPTH = 1000
 """Maximum number of messages of a topic that wait for the recorder; older messages are lost."""
+_MAX_AGE = 10**9
+"""Maximum time that a message has waited for the recorder, in ns; more is a jump of the clock."""
 _AGENT_TOPIC = TOPICS[0].name
 """Topic by which agents are found: each node that publishes it counts as one."""
 _INFINITE = "{sec: 9223372036, nsec: 854775807}"
@@ -87,6 +89,7 @@ class RosRecorder:
             recording.
         on_early_end: called with the reason, in the recorder's thread, if the recording ends before
             `close`, and in the thread that calls `close` if that fails.
+        now: returns the Unix time in ns, by a clock that does not jump.
 
     Attributes:
         lost: number of messages that the middleware reports as lost, by topic. Losses on a latched
@@ -98,8 +101,14 @@ class RosRecorder:
     """
 
     def __init__(
-        self, namespace: str, path: Path, limits: Limits, on_early_end: Callable[[str], None]
+        self,
+        namespace: str,
+        path: Path,
+        limits: Limits,
+        on_early_end: Callable[[str], None],
+        now: Callable[[], int],
     ) -> None:
+        self._now = now
         self.lost: Counter[str] = Counter()
         self._thread = NodeThread(f"record_{os.getpid()}", namespace)
         self._node = self._thread.node
@@ -201,7 +210,7 @@ class RosRecorder:
         def on_message(data: bytes, info: Mapping[str, int]) -> None:
             nonlocal counts_losses
             counts_losses = True
-            received = info.get("received_timestamp") or time.time_ns()
+            received = received_at(info, self._now())
             self._files.add(channel, received, data, info.get("source_timestamp") or received)
 
         def on_lost(event: Any) -> None:
@@ -216,6 +225,18 @@ class RosRecorder:
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost),
         )
+
+
+def received_at(info: Mapping[str, int], now: int) -> int:
+    """Return the time in ns at which a message was received.
+
+    Args:
+        info: rclpy's information about the message.
+        now: present time, by a clock that does not jump.
+    """
+    wall_clock = time.time_ns()
+    age = wall_clock - (info.get("received_timestamp") or wall_clock)
+    return now - min(max(age, 0), _MAX_AGE)
 
 
 def _fitting_all(profiles: list[QoSProfile]) -> QoSProfile:

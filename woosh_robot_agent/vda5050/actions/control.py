@@ -27,6 +27,7 @@ from woosh_robot_agent.vda5050.messages.state import NO_STATE, ActionFailedError
 from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, START_PAUSE, STOP_PAUSE
 from woosh_robot_agent.vda5050.orders.legs import Control
 from woosh_robot_agent.vda5050.robot.status import serial_number
+from woosh_robot_agent.vda5050.store import replace_file
 
 _NOT_PAUSED = Sentence(
     "the robot did not pause and stop within {seconds} s; the pause is sent again until the robot "
@@ -203,6 +204,8 @@ def _store(path: Path, text: str) -> None:
         OSError: the report cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, "utf-8")
-    for old in sorted(path.parent.glob(f"{_FILE_PREFIX}*.json"))[:-_MAX_REPORTS]:
+    others = sorted(path.parent.glob(f"{_FILE_PREFIX}*"))
+    replace_file(path, text.encode())
+    # the new one is not among them: after the clock was set back, its name is not the last
+    for old in others[: 1 - _MAX_REPORTS]:
         old.unlink(missing_ok=True)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
+import math
 from collections.abc import Iterable, Mapping
 from itertools import islice, takewhile
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.motion.timeliness import boot_time
 from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.vda5050.actions import control, map_actions, robot_actions
 from woosh_robot_agent.vda5050.actions.performing import Run, VehicleAction
@@ -71,7 +72,7 @@ _LOG = logging.getLogger(__name__)
 _ENDED = "the action was ended"
 _PROGRAM = Sentence("an error of the program; see its log")
 _MAX_LOSS = 30.0
-"""Time without a link after which no instant action waits for it, in seconds."""
+"""Time without a link, or of a stall, after which no instant action waits, in seconds."""
 
 
 class ActionRunner:
@@ -91,6 +92,8 @@ class ActionRunner:
         """Tasks of the actions that run, by id."""
         self._end_reasons: dict[str, str] = {}
         """Reasons why actions are being ended, by id."""
+        self._stall_ended = -math.inf
+        """The gate's `stall_ended` at the last call of `poll`."""
 
     def execute(self, command: Perform | EndAction) -> None:
         """Start an action as soon as its blocking type permits, or end it."""
@@ -126,11 +129,12 @@ class ActionRunner:
         """End the instant actions that have not begun on a robot that has gone.
 
         Otherwise they might begin when the robot is switched on hours later: move something, or set
-        a position that is not right any more.
+        a position that is not right any more. It is the same if this computer was suspended.
         """
-        execution = self._execution
-        chassis = execution.link.chassis
-        if execution.link.ready or time.time() < chassis.since + _MAX_LOSS:
+        execution, gate = self._execution, self._execution.link.gate
+        before, self._stall_ended = self._stall_ended, gate.stall_ended
+        has_stalled = self._stall_ended > before and gate.stall_duration > _MAX_LOSS
+        if not has_stalled and boot_time() < execution.link_lost_at + _MAX_LOSS:
             return
         early = (ActionStatus.WAITING, ActionStatus.INITIALIZING)
         not_begun = {each.id for each in execution.instant.states if each.status in early}
@@ -142,7 +146,8 @@ class ActionRunner:
         """Start the actions that may start now.
 
         If the robot is not in automatic mode, first end the actions that move something. After a
-        long loss of the link, end the instant ones that have not begun.
+        long loss of the link, or a long stall of this program, end the instant ones that have not
+        begun.
         """
         execution = self._execution
         if not execution.robot.is_automatic:
