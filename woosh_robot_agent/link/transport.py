@@ -358,7 +358,8 @@ class WebSocketTransport:
         return True
 
     async def close(self, timeout: float = 1.0) -> None:
-        drop_unsent_at_end(self._socket.transport)  # the answer to the close frame comes after all
+        # an answer to the close frame means that all before it has arrived
+        drop_unsent_at_end(self._socket.transport)
         await close_or_abort(self._socket.close(), self.abort, timeout)
 
     def abort(self) -> None:

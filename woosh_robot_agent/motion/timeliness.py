@@ -105,7 +105,7 @@ class SenderClock:
 
 
 def boot_time() -> float:
-    """Return a time in seconds that does not jump, and counts while the computer is suspended."""
+    """Return the time since boot in seconds, including suspensions of the computer."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the simulator until a signal ends it; return its exit status: 0, or 1 after an error.
+    """Run the simulator until SIGINT, SIGTERM or SIGHUP; return its exit status, 1 after an error.
 
     Args:
         arguments: command-line arguments; None for the arguments of this process. Then further

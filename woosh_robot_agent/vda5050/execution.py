@@ -403,7 +403,7 @@ class Execution:
             execute: executes a command about an action.
         """
         if self.robot.status is not None and self.robot.status.emergency_stop:
-            self.drive.own_pause(False)  # so that no end of an action resumes the drive
+            self.drive.disown_pause()  # so that no end of an action resumes the drive
         while commands := [*self._take_instant(), *self._poll_order()]:
             for command in commands:
                 if isinstance(command, Perform | EndAction):

@@ -309,7 +309,7 @@ class MqttConnection:
 
 
 class _Client(aiomqtt.Client):
-    """The client of aiomqtt, without four errors of its release 2.5.1.
+    """The client of aiomqtt, with workarounds for four bugs of its release 2.5.1.
 
     aiomqtt watches a socket that was closed meanwhile, and stores the reason of a lost connection
     where nobody reads it: asyncio logs tracebacks of both. aiomqtt keeps a connection open that was

@@ -145,7 +145,7 @@ def test_amcl_pose_is_the_new_one_after_a_small_correction(
     own_robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The robot may report the old pose for a moment."""
-    monkeypatch.setattr(pose, "_SETTLES_WITHIN", 60.0)
+    monkeypatch.setattr(pose, "POSE_SET_INTERVAL", 60.0)
     robot = own_robot
     poses = robot.echo(PoseWithCovarianceStamped, "amcl_pose", depth=10)
     corrected = deepcopy(poses.wait(lambda _: True))

@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from woosh_robot_agent.link import Answer, LinkError, LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SetRobotPose, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo
+from woosh_robot_agent.ros.standard.odometry import POSE_SET_INTERVAL
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, Velocity, check_finite, to_pose
 
@@ -24,8 +25,6 @@ _SILENCE = 1.0
 reports at 5 Hz."""
 _MAX_WAIT = 3.0
 """Maximum wait until the robot stands, in seconds. Real robots stand 0.9 s after a stop."""
-_SETTLES_WITHIN = 0.5
-"""Time for which the robot may still report the pose before one that was set, in seconds."""
 _CHECK_PERIOD = 0.05
 """Period of the checks whether the robot stands, in seconds."""
 
@@ -108,7 +107,7 @@ class RobotPose:
     def _pose_set(self) -> None:
         """Request the pose: a robot that stands does not report a pose that was set."""
         self._published = None
-        self._settled = asyncio.get_running_loop().time() + _SETTLES_WITHIN
+        self._settled = asyncio.get_running_loop().time() + POSE_SET_INTERVAL
         self._context.robot.thread.spawn(self._request_pose)
 
     async def _request_pose(self) -> None:

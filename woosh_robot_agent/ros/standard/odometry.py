@@ -284,10 +284,10 @@ _HEADING_TOLERANCE = 0.03
 """Maximum difference between reported heading and prediction from speeds, in radians."""
 _SIDEWAYS_TOLERANCE = 0.1
 """Maximum sideways movement that the speed to the left does not explain, in metres."""
-_POSE_SET_INTERVAL = 0.5
+POSE_SET_INTERVAL = 0.5
 """Time after the robot's pose was set in which it may still report the old pose, in seconds."""
 _POSE_SET_TOLERANCE = 0.01
-"""Tolerance of pose and heading within `_POSE_SET_INTERVAL` for a moving robot, in m and rad."""
+"""Tolerance of pose and heading within `POSE_SET_INTERVAL` for a moving robot, in m and rad."""
 _POSE_SET_TOLERANCE_AT_REST = 1e-4
 """`_POSE_SET_TOLERANCE` for a standing robot."""
 _MIN_SIDEWAYS = 0.004
@@ -334,7 +334,7 @@ class Odometry:
 
     def pose_set(self, time: float) -> None:
         """Note that the robot's pose was set at `time`: a following report may jump."""
-        self._pose_set_until = time + _POSE_SET_INTERVAL
+        self._pose_set_until = time + POSE_SET_INTERVAL
 
     def end_sideways_movement(self) -> None:
         """Assume that the robot does not move sideways: no report has come for a while."""

@@ -82,7 +82,8 @@ class MapSource:
         self._shown: object = None
         """Scene, id, name and version of `picture`.
 
-        None without a picture, and if it shows a map that the robot is making, or may be outdated.
+        None if there is no picture, if it may be outdated, or if it shows a map that the robot is
+        making.
         """
         self._picture_task: asyncio.Task[None] | None = None
         """Request of a map, or conversion of the picture of a map that the robot is making."""

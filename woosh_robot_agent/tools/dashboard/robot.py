@@ -92,8 +92,8 @@ class Robot:
         view: state of the robot as received so far.
         requests: creates requests, with the robot's id if an id is configured.
         parts: the parts about this robot, which its viewers watch.
-        lost_actions: names of the actions that were executing when the link was lost, and that the
-            robot has not reported since.
+        lost_actions: names of the actions that were executing when the link was lost, and whose
+            state is unknown since then.
         silence: time for which the robot has been connected but has sent nothing, in whole seconds;
             0 while no viewer watches any robot.
         order: returns the order that a fleet manager has given the robot; None without one. The
@@ -254,9 +254,9 @@ class Robot:
             self._asking_actions = asyncio.get_running_loop().create_task(self._ask_actions())
 
     async def _ask_actions(self) -> None:
-        """Ask which actions go on: the first RobotInfo does not tell, and robots push changes only.
+        """Ask for the actions in progress: RobotInfo lacks them, and robots push only changes.
 
-        Without an answer, `lost_actions` stays as it is.
+        If there is no usable answer, `lost_actions` does not change.
         """
 
         def take_answer(answer: Answer) -> None:

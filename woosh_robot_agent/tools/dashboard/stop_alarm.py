@@ -26,7 +26,7 @@ class StopAlarm:
 
     A robot does not stand still while it executes an action, e.g. moves a lift, or a task that may
     drive on by itself, or follows somebody. An action that was executing when the link was lost
-    counts as executing until the robot tells otherwise.
+    counts as executing until the robot reports its state, or a stop succeeds.
 
     `on_answered` is called after each answer to a stop.
     """

@@ -4,7 +4,7 @@
 - `nav2/NAME.yaml` and `nav2/NAME.png` are the map NAME for nav2's map_server, and
   `nav2/NAME_keepout.yaml` is the mask of its keep-out areas.
 - `marks/NAME.yaml` has the marks of the map, for people to edit.
-- What is hidden directly in the folder, such as `.git`, is not of the scene, and stays.
+- Hidden files and folders at the top level, such as `.git`, are not part of the scene, and stay.
 
 The names come from a robot, which may call a file `../../.bashrc`. Characters that could make a
 name a path out of the folder, or that some file systems do not permit, are percent-encoded.
@@ -126,8 +126,8 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
 def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list[Storage]:
     """Return the marks of the file `name`; for an entry that was not edited, that of `old`.
 
-    An edited or new mark without an id gets one above the highest id. Its number and its id must
-    be its own, but marks that were not edited may share them, if they do so on the robot.
+    An edited or new mark without an id gets one above the highest id. The number and the id of an
+    edited or new mark must be unique. Unedited marks may share theirs, as they do on the robot.
 
     Raises:
         DataFileError: an entry cannot be used; the text has its place.
@@ -470,7 +470,7 @@ def _read(path: Path) -> bytes:
 
 
 def _move_hidden(source: Path, target: Path) -> None:
-    """Move what is hidden directly in a folder, if that exists, into another folder."""
+    """Move the hidden top-level entries of a folder, which need not exist, to another folder."""
     for path in source.glob(".*"):
         path.rename(target / path.name)
 

@@ -256,10 +256,11 @@ class RecordingFiles:
         self._write(lambda file: file.add_metadata(name, values))
 
     def flush(self) -> None:
-        """Pass everything written so far on to the operating system.
+        """Pass everything written so far on to the operating system, if this is due.
 
-        In a file that is older than an hour, this is done at most once in each 3600th part of its
-        age: each flush adds a chunk to the index, which stays in memory until `close`.
+        In a file that is less than an hour old, it is always due. In an older one, it is due when
+        1/3600 of the file's age has passed since the last flush, e.g. every 24 s after a day: each
+        flush adds a chunk to the index, which stays in memory until `close`.
         """
         now = time.monotonic()
         period = (now - self._begun_at) / 3600

@@ -89,7 +89,7 @@ class RosRecorder:
             recording.
         on_early_end: called with the reason, in the recorder's thread, if the recording ends before
             `close`, and in the thread that calls `close` if that fails.
-        now: returns the Unix time in ns, by a clock that does not jump.
+        now: returns the Unix time in ns, by a monotonic clock.
 
     Attributes:
         lost: number of messages that the middleware reports as lost, by topic. Losses on a latched
@@ -232,7 +232,7 @@ def received_at(info: Mapping[str, int], now: int) -> int:
 
     Args:
         info: rclpy's information about the message.
-        now: present time, by a clock that does not jump.
+        now: current Unix time in ns, by a monotonic clock.
     """
     wall_clock = time.time_ns()
     age = wall_clock - (info.get("received_timestamp") or wall_clock)

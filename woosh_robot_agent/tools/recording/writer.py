@@ -50,9 +50,9 @@ _MAX_MAPS = 100
 class RecordingWriter:
     """Writes a recording: frames, connection events, decoded messages, and views.
 
-    A view is a message for display in Foxglove. A crash loses at most what was written since the
-    last `RecordingFiles.flush`. A file error ends the recording but is not raised, because
-    `RecordingProxy` must keep forwarding.
+    A view is a message for display in Foxglove. A crash loses at most what was written since
+    `RecordingFiles.flush` last wrote to the file. A file error ends the recording but is not
+    raised, because `RecordingProxy` must keep forwarding.
 
     Args:
         path: path of the new file, which must not exist; see `RecordingFiles` for a split
@@ -96,7 +96,7 @@ class RecordingWriter:
         """The robot's number, model and software, as metadata; empty if unknown."""
         self._start = time.time_ns()
         self._clock_offset = self._start - time.clock_gettime_ns(time.CLOCK_BOOTTIME)
-        """Unix time at zero of the clock of `now`, in ns."""
+        """Unix time at zero of CLOCK_BOOTTIME, in ns."""
         self._metadata = {"version": VERSION, "address": address, "started": str(self._start)}
         self._file_count = 0
         # the last attribute, because it calls `_begin_file`, which uses the others
@@ -123,7 +123,7 @@ class RecordingWriter:
         return self._seen - self.frames
 
     def now(self) -> int:
-        """Return the Unix time in ns, by a clock that does not jump and counts in a suspension."""
+        """Return the Unix time in ns, by a monotonic clock that also runs during a suspension."""
         return time.clock_gettime_ns(time.CLOCK_BOOTTIME) + self._clock_offset
 
     def add_frame(

@@ -77,7 +77,7 @@ class Version:
     Attributes:
         number: number of the version, e.g. `2.1.0`.
         received: topics of the master control that the vehicle subscribes to.
-        names: names of fields, and of an action, by their names in version 2.1, where they differ;
+        names: names of fields and actions by their names in version 2.1, where they differ;
             empty for a field that this version does not have.
         values: values of enumerations by their values in the connector, where they differ.
         unsupported_edge_fields: fields of an edge that the robot cannot obey; see also
@@ -107,7 +107,7 @@ class Version:
         return self.number.startswith("3.")
 
     def name(self, name: str) -> str:
-        """Return this version's name of a field; empty if the version does not have the field."""
+        """Return this version's name of a field or action; empty if it does not have the field."""
         return self.names.get(name, name)
 
     def value(self, value: str) -> str:
@@ -191,7 +191,7 @@ V3_0 = Version(
         "speedMax": "maximumSpeed",
         "speedMin": "minimumSpeed",
         "vehicleConfig": "mobileRobotConfiguration",
-        # actions that hints of errors name
+        # actions that are named in the hints of errors
         "initPosition": "initializePosition",
         # optional parameters in the factsheet
         "order.edges.maxSpeed": "order.edges.maximumSpeed",

@@ -285,7 +285,7 @@ def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
 
 
 _NAMES_IN_TEXTS = ("initPosition", "maxSpeed")
-"""Names in the texts of errors that are other ones in some versions."""
+"""Names of fields and actions in the texts of errors that depend on the version."""
 
 
 def _error(version: Version, error: VehicleError) -> Fields:

@@ -443,12 +443,13 @@ class OrderMachine:
             self.cancel()
 
     def interrupt(self, action_id: str, reason: str = _RESTARTED) -> None:
-        """Stop the order for good: the outcome of an action that forbids driving is unknown.
+        """Stop the order for good, after an action that forbids driving was interrupted.
 
-        Do nothing while the order is cancelled.
+        Interrupted means cancelled at the robot, or of unknown outcome. Do nothing while the order
+        is being cancelled.
 
         Args:
-            reason: why it is unknown.
+            reason: why the order must not go on.
         """
         if self.busy and not self.canceling and self.error is None:
             self.error = self._fatal_error(ErrorType.INTERRUPTED, reason, ("actionId", action_id))

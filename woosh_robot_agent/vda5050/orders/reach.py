@@ -320,7 +320,7 @@ class Route:
     def has_left_last_node(self) -> bool:
         """True if the vehicle does not stand on the last node any more.
 
-        A node without a position, e.g. of the action initPosition, is where it was reached.
+        The place of a node without a position, e.g. of initPosition, is where it was reached.
         """
         last = self.last_node
         if last is not None and last.position is None:

@@ -251,7 +251,7 @@ class RobotCalls:
 
             return await self._link.command(call.request(_CONTROLS[control]), tap=take_answer)
 
-        def answered(control: Control, answer: Answer | None) -> None:
+        def answered(control: Control) -> None:
             if control is Control.CANCEL:
                 self._ask_about(call)  # so that its end is known even if no report tells it
 

@@ -29,8 +29,7 @@ class Controller:
 
     Args:
         name: name of the task or the action, for the log.
-        answered: called with each command and its answer; with None if no answer came, e.g.
-            because the command could not be sent.
+        answered: called with each command that was answered, or has failed, e.g. was not sent.
         may_send: returns False while the robot would apply the commands to another task or action.
 
     Attributes:
@@ -45,7 +44,7 @@ class Controller:
         link: RobotLink,
         name: str,
         send: Callable[[Control], Coroutine[Any, Any, Answer]],
-        answered: Callable[[Control, Answer | None], None],
+        answered: Callable[[Control], None],
         may_send: Callable[[], bool] = lambda: True,
     ) -> None:
         self._link = link
@@ -88,9 +87,13 @@ class Controller:
         else:
             self.withdraw_pause()
 
-    def own_pause(self, own: bool) -> None:
-        """Take over a pause by somebody else, or leave an own pause to somebody else."""
-        self._is_own_pause = own and (self._is_own_pause or self.paused)
+    def adopt_pause(self) -> None:
+        """Treat the current pause as an own one, which `end_own_pause` ends."""
+        self._is_own_pause |= self.paused
+
+    def disown_pause(self) -> None:
+        """Treat an own pause as one by somebody else, which `end_own_pause` does not end."""
+        self._is_own_pause = False
 
     def update(self, paused: bool) -> bool:
         """Set `paused` and `stays_paused` by a report; return True if one of them has changed."""
@@ -155,7 +158,6 @@ class Controller:
     async def _send(self, control: Control, was_own_pause: bool) -> None:
         """Send a command once, and handle its answer; a refused pause is not an own one."""
         command = f"{control.value} of {self._name}"
-        answer = None
         try:
             answer = await self._send_command(control)
         except LinkError as error:
@@ -176,4 +178,4 @@ class Controller:
                     self.stays_paused = self.paused
                     self._link.changed()
                 self._log.warn(command, f"the robot refused the {command}: {answer.reason}")
-        self._answered(control, answer)
+        self._answered(control)

@@ -122,7 +122,7 @@ def position(info: RobotInfo) -> Position | None:
 
 
 def _is_on_map_0(info: RobotInfo) -> bool:
-    """Return True if the map of the robot has the id 0, as if there were no map.
+    """Return True if the robot is on a map with the id 0, which otherwise means no map.
 
     While the robot builds a map, its pose does not belong to the map of the scene.
     """

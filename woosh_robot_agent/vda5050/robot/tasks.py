@@ -219,9 +219,13 @@ class TaskRunner:
         """Resume the task, unless somebody else has paused it."""
         self._controller.end_own_pause()
 
-    def own_pause(self, own: bool) -> None:
-        """Take over a pause by somebody else, or leave an own pause to somebody else."""
-        self._controller.own_pause(own)
+    def adopt_pause(self) -> None:
+        """Treat the current pause as an own one, which `end_own_pause` ends."""
+        self._controller.adopt_pause()
+
+    def disown_pause(self) -> None:
+        """Treat an own pause as one by somebody else, which `end_own_pause` does not end."""
+        self._controller.disown_pause()
 
     # Commands
 
@@ -240,7 +244,7 @@ class TaskRunner:
         async def send(control: Control) -> Answer:
             return await self._link.command(ActionOrder(order=_ORDERS[control]))
 
-        def answered(control: Control, answer: Answer | None) -> None:
+        def answered(_control: Control) -> None:
             if task_id == self.id:
                 self._ask_until_known()  # so that the effect is known even if no report tells it
 
@@ -364,7 +368,7 @@ class TaskRunner:
                     return  # the robot refuses queries, but reports on the task
                 if clock() > deadline:
                     try:
-                        goes_on = await self._executes_unnamed_task(task_id)
+                        goes_on = await self._ask_robot_state(task_id)
                     except RequestTimeoutError:
                         goes_on = False
                         self._link.background.start(self._learn_end(task_id))
@@ -418,10 +422,11 @@ class TaskRunner:
         answer = await self._link.ask(TaskHistory(), tap=take_answer)
         return end_of(answer) is not None
 
-    async def _executes_unnamed_task(self, task_id: int) -> bool:
-        """Return True if the robot tells that it executes a task, but not which one.
+    async def _ask_robot_state(self, task_id: int) -> bool:
+        """Ask for the state of the robot, and note the end of a task if the robot is idle.
 
-        If it is idle, `task_id` has ended.
+        Returns:
+            True if the robot tells that it executes a task, but not which one.
 
         Raises:
             LinkError: the robot did not answer.
@@ -437,13 +442,13 @@ class TaskRunner:
         return state in (robot.kTask, robot.kParking) and not self.foreign_id
 
     async def _learn_end(self, task_id: int) -> None:
-        """Ask whether the robot is idle until it answers: an order may wait for the end of a task.
+        """Ask for the state of the robot until it answers: an order may wait for the task's end.
 
         Without a link, do nothing more: after a reconnect, the robot tells its task.
         """
         while self._link.ready:
             try:
-                await self._executes_unnamed_task(task_id)
+                await self._ask_robot_state(task_id)
             except LinkError as error:
                 _LOG.debug("no answer about the state after task %d: %s", task_id, error)
                 await asyncio.sleep(_ASK_EVERY)
