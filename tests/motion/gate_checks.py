@@ -16,6 +16,7 @@ from woosh_robot_agent.motion.gate import cancel_orders
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 
 TWIST = "woosh.robot.Twist"
+FEEDBACKS = "woosh.ros.Feedbacks"
 ORDERS = len(cancel_orders()) + 1
 """Number of requests of a stop."""
 NEVER = 3600.0
@@ -37,7 +38,7 @@ def feedback(action: str, state: str) -> Frame:
 
 async def answer_all(wire: Wire, frame: Frame) -> bool:
     """Accept every request; a script for `Peer`."""
-    if frame["type"] != INFO and "sn" in frame:
+    if frame["type"] not in (INFO, FEEDBACKS) and "sn" in frame:
         await wire.answer(frame)
         return True
     return False
@@ -66,12 +67,17 @@ async def answer_nothing(wire: Wire, frame: Frame) -> bool:
 
 @dataclass
 class Rig:
-    """A motion gate, its client, and the chassis's end of the link."""
+    """A motion gate, its client, and the chassis's end of the link.
+
+    Attributes:
+        actions: body of the chassis's answer to the query of the actions; None to refuse it.
+    """
 
     peer: Peer
     client: ChassisClient
     gate: MotionGate
     wire: Wire
+    actions: Frame | None
 
     def drive(self, speed: float, **options: Any) -> asyncio.Task[Any]:
         return asyncio.ensure_future(self.gate.request(Twist(linear=speed), **options))
@@ -99,11 +105,24 @@ async def gated(
         timing: fields of `MotionTiming`; a stop holds, and a velocity drives and is new, until the
             end of the test.
     """
+    rig: Rig | None = None
+
+    async def script_with_actions(wire: Wire, frame: Frame) -> bool:
+        if await script(wire, frame):
+            return True
+        if frame["type"] != FEEDBACKS:
+            return False
+        actions = {} if rig is None else rig.actions
+        await wire.answer(frame, actions, ok=actions is not None)
+        return True
+
     times = {"hold": NEVER, "driving": NEVER, "max_age": NEVER, "unanswered": NEVER, **timing}
-    async with Peer(script=script) as peer, peer.client(**{**BACKOFF, **(link or {})}) as client:
+    config = {**BACKOFF, **(link or {})}
+    async with Peer(script=script_with_actions) as peer, peer.client(**config) as client:
         gate = MotionGate(client, goals)
         gate.timing = MotionTiming(**times)
-        yield Rig(peer, client, gate, await peer.wire())
+        rig = Rig(peer, client, gate, await peer.wire(), actions={})
+        yield rig
 
 
 def types(wire: Wire) -> list[str]:

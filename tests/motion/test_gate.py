@@ -10,8 +10,19 @@ from dataclasses import replace
 import pytest
 from google.protobuf.message import Message
 
-from tests.link.link_peer import TIMEOUT, Frame, Wire, answered, block, eventually, soon, turns
+from tests.link.link_peer import (
+    INFO,
+    TIMEOUT,
+    Frame,
+    Wire,
+    answered,
+    block,
+    eventually,
+    soon,
+    turns,
+)
 from tests.motion.gate_checks import (
+    FEEDBACKS,
     NEVER,
     ORDERS,
     RUNNING,
@@ -374,7 +385,7 @@ async def test_a_start_that_a_busy_chassis_executes_late_is_cancelled(
     answers_start = after_stop > 2 * effect
 
     async def chassis(wire: Wire, frame: Frame) -> bool:
-        is_awaited = "sn" in frame and frame["type"] != "woosh.robot.RobotInfo"
+        is_awaited = "sn" in frame and frame["type"] not in (INFO, FEEDBACKS)
         if frame["type"] == EXEC_TASK and answers_start:
             return await answer_all(wire, frame)
         if busy and is_awaited:

@@ -9,13 +9,12 @@ import math
 import pytest
 
 from tests.link.link_peer import Frame, Wire, eventually, turns
-from tests.motion.gate_checks import answer_all, feedback, gated, ok
+from tests.motion.gate_checks import FEEDBACKS, answer_all, feedback, gated, ok
 from woosh_robot_agent.motion import SpeedLimiter, speed_limiter
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 
 LIMIT = "woosh.robot.ChangeNavMode"
-FEEDBACKS = "woosh.ros.Feedbacks"
 TASK_PROC = "woosh.robot.TaskProc"
 
 
@@ -106,8 +105,8 @@ async def test_the_limit_waits_for_the_navigation_if_only_a_query_has_told_the_e
         else:
             await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
         await eventually(lambda: len(limits()) == 1)
-        rig.gate.task_ended(7)
-        rig.gate.action_ended("MoveBase")
+        rig.gate.wheel_owner.task_ended(7)
+        rig.gate.wheel_owner.action_ended("MoveBase")
         await ok(rig.gate.request(CallAction(move_base=MoveBase(action=kExecute))))
         await turns()
         assert len(limits()) == 1

@@ -389,7 +389,7 @@ async def test_after_a_lost_link_the_robot_gets_a_zero_and_nothing_that_was_kept
         await stream.sent(0.1)
         if meanwhile == "it stands":
             stream.drive(0.0)
-            await stream.sent(0.1, 0.0)
+            await eventually(lambda: not stream.gate.driving)
         else:
             stream.drive(0.2)  # waits for its period
         if meanwhile == "a task":
@@ -408,6 +408,43 @@ async def test_after_a_lost_link_the_robot_gets_a_zero_and_nothing_that_was_kept
             await stream.sent(*zeros)
             await stream.settle()
             await stream.sent(*zeros)
+
+
+@pytest.mark.parametrize("lost", ["the zero of the sender", "the zero after the first loss"])
+async def test_a_zero_that_is_lost_with_the_link_is_sent_when_the_link_is_back(lost: str) -> None:
+    is_of_sender = lost == "the zero of the sender"
+    losses = 0
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        nonlocal losses
+        if frame["type"] == TWIST and not frame["body"].get("linear") and not losses:
+            losses += 1
+            wire.abort()
+            return True
+        return await answer_all(wire, frame)
+
+    async with driving(script) as stream:
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        if is_of_sender:
+            stream.drive(0.0)
+        else:
+            stream.rig.wire.abort()
+        last = await stream.rig.peer.wire(2 if is_of_sender else 3)
+        await eventually(lambda: speeds(last) == [0.0])
+        await eventually(lambda: not stream.gate.driving)
+
+
+async def test_after_a_lost_link_no_zero_ends_an_action_that_has_begun_meanwhile() -> None:
+    async with driving() as stream:
+        stream.drive(0.1)
+        await stream.sent(0.1)
+        stream.rig.actions = feedback("MoveBase", "kRosExecuting")
+        stream.rig.wire.abort()
+        await stream.rig.second_wire()
+        await eventually(lambda: stream.gate.owner)
+        await stream.settle()
+        await stream.sent()
 
 
 async def test_after_a_lost_link_no_zero_is_sent_before_it_is_known_what_drives_the_robot() -> None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Any
 
 import pytest
 
-from tests.link.link_peer import TIMEOUT, Frame, eventually, soon
+from tests.link.link_peer import TIMEOUT, Frame, Wire, eventually, soon
 from tests.motion.gate_checks import (
+    FEEDBACKS,
     RUNNING,
     TWIST,
     Rig,
+    answer_all,
     answer_nothing,
     feedback,
     gated,
@@ -20,12 +23,13 @@ from tests.motion.gate_checks import (
     types,
 )
 from tests.motion.moving import MOVING
+from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.ros.action_pb2 import kExecute, kResume
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
 
-TASK_PROC, FEEDBACKS = "woosh.robot.TaskProc", "woosh.ros.Feedbacks"
+TASK_PROC = "woosh.robot.TaskProc"
 EXEC_TASK = next(each for each in MOVING if each.DESCRIPTOR.name == "ExecTask")
 
 
@@ -234,3 +238,41 @@ async def test_an_open_goal_owns_the_wheels() -> None:
         assert rig.gate.owner == "a goal"
         goals = 0
         assert rig.gate.owner == ""
+
+
+async def test_an_action_that_runs_when_the_link_is_made_owns_the_wheels() -> None:
+    """Robots report an action only when its state changes, and RobotInfo has no actions."""
+    async with gated() as rig:
+        rig.actions = feedback("MoveBase", "kRosExecuting")
+        rig.wire.abort()
+        await rig.second_wire()
+        await eventually(lambda: rig.gate.owner == "MoveBase")
+
+
+@pytest.mark.parametrize("answer", [{}, feedback("MoveBase", "kRosSuccess"), None])
+async def test_an_action_owns_the_wheels_until_a_new_link_tells_its_end(
+    answer: Frame | None,
+) -> None:
+    async with gated() as rig:
+        await owned(rig, FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+        rig.actions = answer
+        rig.wire.abort()
+        await eventually(lambda: rig.client.state is not LinkState.READY)
+        assert rig.gate.owner == "MoveBase"
+        await rig.second_wire()
+        await eventually(lambda: not rig.gate.owner)
+
+
+async def test_what_is_reported_before_the_answer_about_the_actions_is_newer() -> None:
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == FEEDBACKS:
+            await wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+        return await answer_all(wire, frame)
+
+    async with gated(script) as rig:
+        known: list[Any] = []
+        rig.gate.wheel_owner.on_known(known.append)
+        rig.wire.abort()
+        await rig.second_wire()
+        await eventually(lambda: known)
+        assert rig.gate.owner == "MoveBase"

@@ -127,7 +127,7 @@ def test_lost_end_is_found_by_polling(robot: Robot, kind: Kind) -> None:
     robot.chassis.intercept(without_the_end)
     for _ in range(2):
         assert short(robot, kind).result()[0] == SUCCEEDED
-        assert not robot.gate.reported_owner
+        assert not robot.gate.wheel_owner.name
         last = robot.agent.agent.robot.last_known.value(TaskProc)
         assert last is not None
         assert not is_unfinished(last)

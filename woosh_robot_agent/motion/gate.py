@@ -241,6 +241,7 @@ class MotionGate:
 
     Attributes:
         superseded: number of velocities that were not sent because they were out of date.
+        wheel_owner: which task or actions drive the robot, as the chassis reports.
         timing: times in the rules; may be replaced at any time.
     """
 
@@ -254,7 +255,6 @@ class MotionGate:
         self._send = chassis.reserve(commands_motion)  # rule 1
         self._open_goals = open_goals
         self._on_late_stop = on_late_stop
-        self._reported_owner = WheelOwner(chassis, self._start_reported)
         self.timing = MotionTiming()
         self._velocities = LatestWins[Answer](lambda: self.timing)
         self._last_velocity = Twist()
@@ -288,6 +288,7 @@ class MotionGate:
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
         self._drops = DropLog(_LOG)
         self.superseded = 0
+        self.wheel_owner = WheelOwner(chassis, self._start_reported, lambda: self.timing.effect)
         chassis.on_state(self._link_changed)
         self._link_changed(chassis.state)
 
@@ -348,7 +349,7 @@ class MotionGate:
                     "a part of the program failed to note a stop, which is sent all the same"
                 )
         self._forbid(_STOPPED, self.timing.hold)  # rule 4
-        owner = self._reported_owner
+        owner = self.wheel_owner
         self._awaited_task = owner.acceptances if owner.awaits_task else 0
         self._stop_answered = math.inf
         try:
@@ -359,7 +360,7 @@ class MotionGate:
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
-        self._stopped_set = self._reported_owner.current_set(within=2 * self.timing.effect)
+        self._stopped_set = self.wheel_owner.current_set(within=2 * self.timing.effect)
         orders = cancel_orders()
         # each goes to the front of the queue, so the first one to send, the zero, is queued last
         queued = [*reversed(orders.values()), Twist()]
@@ -373,16 +374,16 @@ class MotionGate:
         # those whose cancel was refused: an earlier one may be taking effect.
         await self._wait_for_end(orders if _is_refused(zero) else refused)
         # rule 6: not to what was started after the stop
-        if _is_refused(zero) and not self._reported_owner.name:
+        if _is_refused(zero) and not self.wheel_owner.name:
             zero = await self._send_first(Twist(), timeout)
-        running = tuple(filter(self._reported_owner.moves, refused))
+        running = tuple(filter(self.wheel_owner.moves, refused))
         return StopReport(zero, answered, running)
 
     async def _wait_for_end(self, names: Collection[str]) -> None:
         """Wait until none of these is active, at most `timing.effect`."""
         clock = asyncio.get_running_loop().time
         until = clock() + self.timing.effect
-        while any(map(self._reported_owner.is_active, names)) and clock() <= until:
+        while any(map(self.wheel_owner.is_active, names)) and clock() <= until:
             await asyncio.sleep(_CHECK_PERIOD)
 
     async def close(self, timeout: float) -> None:
@@ -458,21 +459,8 @@ class MotionGate:
 
     @property
     def owner(self) -> str:
-        """What drives the robot: `reported_owner`, or else "a goal"; empty if nothing does."""
-        return self._reported_owner.name or (_GOAL if self._open_goals() else "")
-
-    @property
-    def reported_owner(self) -> str:
-        """Name of the task or actions that the chassis reports as driving; empty without any."""
-        return self._reported_owner.name
-
-    def task_ended(self, task_id: int) -> None:
-        """Note the end of a task of which no report has told, only an answer of the chassis."""
-        self._reported_owner.task_ended(task_id)
-
-    def action_ended(self, name: str) -> None:
-        """Note the end of an action, by its short name, of which only an answer has told."""
-        self._reported_owner.action_ended(name)
+        """Name of what drives the robot: `wheel_owner.name`, or else "a goal"; empty if nothing."""
+        return self.wheel_owner.name or (_GOAL if self._open_goals() else "")
 
     async def _request(self, message: Message, how: Sending, sender: Sender) -> Answer:
         """Send a motion command; hold a velocity back while the chassis does not answer."""
@@ -632,7 +620,7 @@ class MotionGate:
             for each in starts
             if each.sent > self._stop_called and each.answered < math.inf
         ]
-        is_wanted = answered[-1:] == [None] or self._reported_owner.task_id in answered
+        is_wanted = answered[-1:] == [None] or self.wheel_owner.task_id in answered
         if is_task and is_wanted:
             self._stopped_set = 0  # the set, or a task with such an id, was started again
         is_late = any(map(self._is_late, starts)) or (is_task and self._is_awaited_task())
@@ -665,7 +653,7 @@ class MotionGate:
     def _is_awaited_task(self) -> bool:
         """Return True if what begins now is the task that was accepted before the last stop."""
         stopped = max(self._stop_called, self._stop_answered)
-        is_same = self._reported_owner.acceptances == self._awaited_task > 0
+        is_same = self.wheel_owner.acceptances == self._awaited_task > 0
         return is_same and time.monotonic() < stopped + self.timing.effect
 
     def _is_next_of_set(self) -> bool:
@@ -674,7 +662,7 @@ class MotionGate:
         The cancel of a task ends only this task: real robots begin the next one of its set, or the
         same one if the set is repeated, about a second after the end.
         """
-        is_same = self._reported_owner.current_set() == self._stopped_set > 0
+        is_same = self.wheel_owner.current_set() == self._stopped_set > 0
         # the cancel takes effect, and then the next task begins
         return is_same and time.monotonic() < self._stop_answered + 2 * self.timing.effect
 

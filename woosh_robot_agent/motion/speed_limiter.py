@@ -5,20 +5,19 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link import Answer, ChassisClient, LinkError, LinkState, NotConnectedError
-from woosh_robot_agent.link.protos import full_name
+from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, NotConnectedError
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate
-from woosh_robot_agent.motion.wheel_owner import EXECUTING, is_unfinished
+from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
+from woosh_robot_agent.pb.robot.robot_pb2 import TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, NavigationMode, kExecute
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import navigation_pb2 as navigation
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -30,7 +29,7 @@ _UNKNOWN = math.nan
 """Stands for an unknown limit: NaN differs from each limit, so the next one is sent."""
 _RETRY_AFTER = 1.0
 """Time after which a limit that was not sent or not answered is sent again, in seconds."""
-_MOVE_BASE = full_name(MoveBase)
+_MOVE_BASE = MoveBase.DESCRIPTOR.name
 _ACTION = -1
 """Stands for the action MoveBase in place of the id of a task."""
 
@@ -45,7 +44,7 @@ class SpeedLimiter:
     Args:
         chassis: the link.
         gate: sends the limits.
-        start: starts a coroutine that sends a limit, or asks for the state of the actions.
+        start: starts a coroutine that sends a limit.
         on_refused: called with the reason if the robot does not take a limit.
         on_change: called when `is_limited` changes, before the robot gets the limit.
 
@@ -79,11 +78,10 @@ class SpeedLimiter:
         """Id of the task that the robot executes."""
         self._task_navigates = False
         self._action_navigates = False
-        self._is_action_unknown = False
-        """True if the action navigated when the link was lost, and its state is not known since."""
-        chassis.subscribe(TaskProc, self._task_reported)
-        chassis.subscribe(Feedbacks, self._actions_reported)
-        chassis.on_snapshot(self._connected)
+        """True if the action MoveBase navigates, as far as is known."""
+        gate.wheel_owner.on_task(self._task_reported)
+        gate.wheel_owner.on_action(self._action_reported)
+        gate.wheel_owner.on_known(self._owner_known)
         chassis.on_state(self._link_changed)
         gate.on_answered(self._answered)
 
@@ -107,11 +105,6 @@ class SpeedLimiter:
             self._limit, self.refusal = limit, ""
         self._send()
 
-    def task_ended(self, task_id: int) -> None:
-        """Note the end of a task of which no report has told, only an answer of the chassis."""
-        if task_id == self._task_id:
-            self._task_reported(TaskProc())
-
     @property
     def _navigation(self) -> int:
         """Id of the task that navigates, or `_ACTION`; 0 while the robot does not navigate."""
@@ -119,46 +112,14 @@ class SpeedLimiter:
             return self._task_id
         return _ACTION if self._action_navigates else 0
 
-    def _connected(self, info: RobotInfo) -> None:
-        self._task_reported(info.task_proc)
-
     def _link_changed(self, state: LinkState) -> None:
-        """Send the limit once the link is ready; without a link, no navigation is known."""
-        if state is LinkState.READY:
-            self._send()  # the first RobotInfo comes before requests are possible
-            if self._is_action_unknown:
-                self._is_action_unknown = False
-                self._start(self._ask_actions())
-        else:  # reports may be missed
-            self._is_action_unknown |= self._action_navigates
-            self._task_navigates = self._action_navigates = False
-
-    async def _ask_actions(self) -> None:
-        """Ask for the state of the actions, which the first RobotInfo does not have."""
-        try:
-            await self._chassis.request(Feedbacks(), tap=self._take_actions)
-        except LinkError as error:
-            _LOG.debug("cannot ask for the state of the actions: %s", error)
-            if self._chassis.state is LinkState.READY:
-                self._assume_action()
-            else:  # ask again after the reconnect
-                self._is_action_unknown = True
-
-    def _take_actions(self, answer: Answer) -> None:
-        """Take the state of the actions from the answer.
-
-        An answer that does not tell it leaves the last known state: the action navigates.
-        """
-        if answer.ok and isinstance(answer.body, Feedbacks):
-            self._actions_reported(answer.body)
-        else:
-            self._assume_action()
-
-    def _assume_action(self) -> None:
-        """Assume that the action still navigates, as it did before the link was lost."""
-        self._action_navigates = True
-        self._begin()
+        """Send the limit once the link is ready."""
         self._send()
+
+    def _owner_known(self, unknown: Collection[str]) -> None:
+        """Assume that the action still navigates, if the robot does not tell in a new link."""
+        if _MOVE_BASE in unknown:
+            self._action_reported(_MOVE_BASE, goes_on=True)
 
     def _task_reported(self, report: TaskProc) -> None:
         """Note whether the task navigates, and send the limit if needed."""
@@ -173,22 +134,18 @@ class SpeedLimiter:
         )
         self._send()
 
-    def _actions_reported(self, reports: Feedbacks) -> None:
+    def _action_reported(self, name: str, goes_on: bool) -> None:
         """Note whether the action MoveBase navigates, and send the limit if needed."""
-        for report in reports.fbs:
-            if report.action == _MOVE_BASE:
-                navigates = report.state in EXECUTING
-                if navigates != self._action_navigates:
-                    self._begin()
-                self._action_navigates = navigates
-        self._send()
+        if name == _MOVE_BASE:
+            if goes_on != self._action_navigates:
+                self._begin()
+            self._action_navigates = goes_on
+            self._send()
 
     def _answered(self, command: AnsweredCommand) -> None:
         """Note that a command of MoveBase may begin a navigation, and send the limit if needed."""
         message = command.message
         if isinstance(message, CallAction) and message.move_base.action == kExecute:
-            if not self._gate.reported_owner:  # a query has told the end of the last one
-                self._task_navigates = self._action_navigates = False
             self._begin()  # it may replace another navigation, whose end is not reported then
             self._send()
 
@@ -202,7 +159,8 @@ class SpeedLimiter:
         """Send the limit if the robot navigates, may not have it yet and has not refused it."""
         if self._limit is None or self._limit == self._sent:  # nothing to limit, or sent already
             return
-        if self.refusal or not self._navigation:
+        is_ready = self._chassis.state is LinkState.READY
+        if self.refusal or not self._navigation or not is_ready:
             return
         self._note_sent(self._limit)
         self._start(self._send_limit(self._navigation, self._limit))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 
@@ -126,8 +126,8 @@ class VelocityDriver:
     5. Each velocity is sent at most once, none is kept for after a reconnect, and none is sent when
        it is older than `max_age` allows, counted from when its sender published it.
     6. Without a new velocity within `timeout`, the robot is stopped.
-    7. If the link is lost while the stream drives the robot, the robot gets a zero when the link is
-       back.
+    7. If the link is lost while a velocity drives the robot, the robot gets a zero when the link is
+       back and the chassis has told what it executes, unless something drives the robot by then.
     8. A zero is sent only if this stream or another velocity command moved the robot.
     9. While the client may not send velocities, they are refused. When they are permitted again,
        rule 3 applies as after a stop.
@@ -173,13 +173,14 @@ class VelocityDriver:
         self._silenced = ""
         """Reason why velocities are refused until the sender pauses or sends a zero; or empty."""
         self._needs_zero = False
-        """True if the link was lost while the stream drove the robot."""
+        """True if a velocity drove the robot when the link was lost, and no zero has come since."""
         self._wake = asyncio.Event()
         self._wake_time = -math.inf
         """Loop time at which `run` wakes up by itself."""
         self._requests: set[asyncio.Task[None]] = set()
         gate.on_stop(partial(self._silence, _STOPPED))
         chassis.on_state(self._link_changed)
+        gate.wheel_owner.on_known(self._owner_known)
 
     async def run(self) -> None:
         """Send velocities when they are due, until cancelled."""
@@ -373,6 +374,7 @@ class VelocityDriver:
             sender = Sender(self._name, published, self._max_age)
             await self._gate.request(velocity, sender=sender)
             self._request_log.clear()
+            self._needs_zero = self._needs_zero and may_move(velocity)
         except SupersededError as error:  # normal while the chassis is slow, but not for a zero
             level = logging.DEBUG if may_move(velocity) else logging.WARNING
             _LOG.log(level, "%s: %s", self._name, error)
@@ -387,12 +389,15 @@ class VelocityDriver:
         self._wake.set()
 
     def _link_changed(self, state: LinkState) -> None:
-        """Forget the velocities when the link is lost; send the zero of rule 7 when it is back."""
+        """Forget the velocities when the link is lost."""
         if state is not LinkState.READY:
             self._waiting = None
-            self._needs_zero = self._needs_zero or self._driving
+            # the gate knows of a velocity whose zero was lost with the link
+            self._needs_zero = self._needs_zero or self._driving or self._gate.driving
             self._driving = False
-        elif self._needs_zero:  # rule 7; the first RobotInfo has told whether a task drives
-            self._needs_zero = False
-            if not self._gate.owner:
-                self._send(Twist())
+
+    def _owner_known(self, _unknown: Collection[str]) -> None:
+        """Send the zero of rule 7."""
+        self._needs_zero = self._needs_zero and not self._driving and not self._gate.owner
+        if self._needs_zero:
+            self._send(Twist())

@@ -7,9 +7,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
-from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.link import (
+    Answer,
+    ChassisClient,
+    ConnectionLostError,
+    LinkError,
+    LinkState,
+    NotConnectedError,
+)
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, TaskProc
 from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, MoveBase, StepControl
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
@@ -72,12 +80,15 @@ def is_held_up(task_proc: TaskProc) -> bool:
 class WheelOwner:
     """Tells which task or actions move the robot, by the chassis's reports.
 
-    It does not matter which client started them.
+    It does not matter which client started them. Robots report the actions only when they change,
+    so each new link begins with a query. Until its answer, what was executing when the link was
+    lost counts as executing.
 
     Args:
         chassis: the link; used in its event loop only.
         on_start: called when the chassis reports that something has started or been resumed, with
             "task" or the short name of the action, and with True if it drives the robot.
+        timeout: returns the time to wait for the answer to the query, in seconds.
 
     Attributes:
         name: name of the task or the actions that may drive the robot now; empty without any.
@@ -85,8 +96,15 @@ class WheelOwner:
         task_id: id of the task that was reported last, also if it has ended; 0 before the first.
     """
 
-    def __init__(self, chassis: ChassisClient, on_start: Callable[[str, bool], None]) -> None:
+    def __init__(
+        self,
+        chassis: ChassisClient,
+        on_start: Callable[[str, bool], None],
+        timeout: Callable[[], float],
+    ) -> None:
+        self._chassis = chassis
         self._on_start = on_start
+        self._timeout = timeout
         self.name: str = ""
         self.acceptances = 0
         self.task_id = 0
@@ -98,11 +116,33 @@ class WheelOwner:
         """Monotonic time of the report of its end."""
         self._actions: set[str] = set()
         """Short names of the actions that are being executed."""
+        self._reported: set[str] = set()
+        """Short names of the actions on which the robot has reported in this link."""
+        self._task_callbacks: list[Callable[[TaskProc], None]] = []
+        self._action_callbacks: list[Callable[[str, bool], None]] = []
+        self._known_callbacks: list[Callable[[Collection[str]], None]] = []
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)
         chassis.subscribe(RobotState, lambda report: self._state_changed(report.state))
         chassis.subscribe(TaskProc, self._task_changed)
         chassis.subscribe(Feedbacks, self._actions_reported)
+        self._link_changed(chassis.state)
+
+    def on_task(self, callback: Callable[[TaskProc], None]) -> None:
+        """Call `callback` with each report on the task; an empty one also stands for its end."""
+        self._task_callbacks.append(callback)
+
+    def on_action(self, callback: Callable[[str, bool], None]) -> None:
+        """Call `callback` with each report on an action: its short name, and True if it goes on."""
+        self._action_callbacks.append(callback)
+
+    def on_known(self, callback: Callable[[Collection[str]], None]) -> None:
+        """Call `callback` once in each link, when the robot has told what it executes.
+
+        If it does not tell, those that were executing when the link was lost count as ended, and
+        the callback gets their short names.
+        """
+        self._known_callbacks.append(callback)
 
     def moves(self, what: str) -> bool:
         """Return True if something may move the robot: it is active, and may drive on by itself.
@@ -140,8 +180,7 @@ class WheelOwner:
 
     def action_ended(self, name: str) -> None:
         """Note the end of an action, by its short name, of which only an answer has told."""
-        self._actions.discard(name)
-        self._update_name()
+        self._set_action(name, goes_on=False)
 
     def _snapshot(self, info: RobotInfo) -> None:
         self._state_changed(info.state)
@@ -158,29 +197,72 @@ class WheelOwner:
         if is_unfinished(before) and not is_unfinished(report):
             self._task_ended = time.monotonic()
         self._update_name()
+        for callback in self._task_callbacks:
+            callback(report)
         drove_before = may_drive(before) and before.robot_task_id == report.robot_task_id
         if may_drive(report) and not drove_before:
             self._on_start("task", True)
 
     def _actions_reported(self, reports: Feedbacks) -> None:
-        """Note which actions are being executed; call `on_start` for each that begins."""
         for report in reports.fbs:
             name = ACTIONS.get(report.action)
-            if name is None:
-                continue
-            if report.state not in EXECUTING:
-                self._actions.discard(name)
-                self._update_name()
-            elif report.state == kRosExecuting and name not in self._actions:
-                self._actions.add(name)
-                self._update_name()
-                self._on_start(name, name in _DRIVING_ACTIONS)
+            if name is not None:
+                self._reported.add(name)
+                self._action_reported(name, report.state)
+
+    def _action_reported(self, name: str, state: int) -> None:
+        """Note whether an action is being executed; call `on_start` if it begins."""
+        if state not in EXECUTING:
+            self._set_action(name, goes_on=False)
+        elif state == kRosExecuting and name not in self._actions:
+            self._set_action(name, goes_on=True)
+            self._on_start(name, name in _DRIVING_ACTIONS)
+
+    def _set_action(self, name: str, *, goes_on: bool) -> None:
+        if goes_on:
+            self._actions.add(name)
+        else:
+            self._actions.discard(name)
+        self._update_name()
+        for callback in self._action_callbacks:
+            callback(name, goes_on)
 
     def _link_changed(self, state: LinkState) -> None:
-        # reports of the end of actions may be missed, and the next RobotInfo does not have actions
-        if state is not LinkState.READY:
-            self._actions.clear()
-            self._update_name()
+        if state is LinkState.READY:  # the first RobotInfo, which has come, lacks the actions
+            start_task(self._ask_actions(), "query of the actions")
+        else:
+            self._reported.clear()
+
+    async def _ask_actions(self) -> None:
+        """Ask which actions the robot executes; without an answer, none counts as executing."""
+        try:
+            # with `first`, it takes no place of the requests that clients may have in flight
+            await self._chassis.request(
+                Feedbacks(), self._timeout(), first=True, tap=self._answered
+            )
+        except (ConnectionLostError, NotConnectedError):
+            pass  # the next link begins with a query, too
+        except LinkError:
+            self._note_known(None)
+
+    def _answered(self, answer: Answer) -> None:
+        """Take the actions from the answer to the query."""
+        self._note_known(answer.body if isinstance(answer.body, Feedbacks) and answer.ok else None)
+
+    def _note_known(self, answer: Feedbacks | None) -> None:
+        """Take the actions of the answer in a new link; None if the robot does not tell them.
+
+        A report in this link is newer: what has just begun may lack in the answer.
+        """
+        before = self._actions - self._reported
+        for former in before:  # one that goes on may have been started again meanwhile
+            self._set_action(former, goes_on=False)
+        for report in answer.fbs if answer is not None else ():
+            name = ACTIONS.get(report.action)
+            if name is not None and name not in self._reported:
+                self._action_reported(name, report.state)
+        for callback in self._known_callbacks:
+            callback(before if answer is None else ())
 
     def _update_name(self) -> None:
         """Set `name` by the last reports."""

@@ -315,7 +315,7 @@ class WhoDrives:
             return Driver(GOAL, ", ".join(goals))
         if info.state == robot.kFollowing:
             return Driver(self._follow.source or OTHER_CLIENT, _FOLLOWS)
-        if action := self._gate.reported_owner:
+        if action := self._gate.wheel_owner.name:
             return Driver(OTHER_CLIENT, action)
         return self._unexplained(info)
 

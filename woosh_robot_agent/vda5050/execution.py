@@ -107,7 +107,6 @@ class Execution:
         self.speed = SpeedLimiter(
             link.chassis, link.gate, link.background.start, self._speed_refused, link.changed
         )
-        link.on_task_end(self.speed.task_ended)
         self.maps = RobotMaps(link)
         self.calls = RobotCalls(link)
         self.tasks = ActionTasks(link)
@@ -188,7 +187,7 @@ class Execution:
         own_id = self.tasks.id
         if foreign_id := self.drive.foreign_id:
             return foreign_id != own_id  # for `drive`, the task of an action is foreign too
-        return bool(self.link.gate.reported_owner) and not own_id and not self.calls.moves_base
+        return bool(self.link.gate.wheel_owner.name) and not own_id and not self.calls.moves_base
 
     @property
     def is_leaving_task(self) -> bool:

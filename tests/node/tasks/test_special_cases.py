@@ -109,9 +109,9 @@ def test_an_end_that_was_not_seen_is_noticed(robot: ScriptedRobot, seen: str, to
     else:
         assert goal.wait_aborted("does not know the task any more").state.value == FAILED
     if seen == "nothing":  # the task may go on
-        assert robot.gate.reported_owner == f"task {task_id}"
+        assert robot.gate.wheel_owner.name == f"task {task_id}"
     else:
-        wait_until(lambda: robot.gate.reported_owner != f"task {task_id}")
+        wait_until(lambda: robot.gate.wheel_owner.name != f"task {task_id}")
 
 
 def test_an_end_without_a_link_is_noticed_after_the_reconnect(robot: ScriptedRobot) -> None:

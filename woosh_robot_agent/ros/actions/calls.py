@@ -140,7 +140,7 @@ class CallActionGoal:
 
     def note_polled_end(self, end: End) -> None:
         if end.cause is not Cause.AGENT:  # otherwise it may go on
-            self._context.gate.action_ended(self._command.DESCRIPTOR.name)
+            self._context.gate.wheel_owner.action_ended(self._command.DESCRIPTOR.name)
 
     def failure(self, reason: str) -> Message:
         return self._result(ros_pack_pb2.kRosFailure, reason)

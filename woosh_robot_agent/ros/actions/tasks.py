@@ -85,7 +85,7 @@ def _note_polled_end(context: GoalContext, task_id: int, end: End) -> None:
     """
     state = context.last_known.value(RobotState)
     if end.cause is not Cause.AGENT or (state is not None and state.state == robot_pb2.kIdle):
-        context.gate.task_ended(task_id)
+        context.gate.wheel_owner.task_ended(task_id)
 
 
 _WITH_TASK = (robot_pb2.kTask, robot_pb2.kParking)

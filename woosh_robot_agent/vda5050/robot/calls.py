@@ -405,7 +405,7 @@ class RobotCalls:
                 had_ended = call.ended.done()
                 self._handle_report(call, mine[-1])
                 if call.ended.done() and not had_ended:
-                    self._link.gate.action_ended(call.name)
+                    self._link.gate.wheel_owner.action_ended(call.name)
                 # if nothing shows that this call has begun, a reported end is of an earlier call
                 is_known = call.accepted or call.reported
             self._note_ends(mine)
@@ -439,7 +439,7 @@ class RobotCalls:
         """
 
         def answered(answer: Answer) -> None:
-            self._link.gate.action_ended(call.name)
+            self._link.gate.wheel_owner.action_ended(call.name)
             self._link.changed()  # an order may wait for the end
 
         while self._link.ready and self._calls.get(full_name(call.command), call) is call:

@@ -145,19 +145,6 @@ class RobotLink:
         self.conditions = Conditions()
         self.background = Background()
         self.is_closing = False
-        self._task_end_callbacks: list[Callable[[int], None]] = [self.gate.task_ended]
-
-    def on_task_end(self, callback: Callable[[int], None]) -> None:
-        """Call `callback` with the id of each task of which `task_ended` tells."""
-        self._task_end_callbacks.append(callback)
-
-    def task_ended(self, task_id: int) -> None:
-        """Tell everything that follows reports on tasks that a task has certainly ended.
-
-        The report on the end may be lost, so that only an answer has told of it.
-        """
-        for callback in self._task_end_callbacks:
-            callback(task_id)
 
     @property
     def ready(self) -> bool:

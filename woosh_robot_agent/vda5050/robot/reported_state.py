@@ -70,7 +70,7 @@ class ReportedState:
         for report in _STATUS_REPORTS:
             link.chassis.subscribe_raw(report, lambda body: self._changed())
         link.chassis.subscribe_raw(NavPath, lambda body: self._path_changed())
-        link.on_task_end(self._task_ended)
+        link.gate.wheel_owner.on_task(self._task_told)
 
     @property
     def info(self) -> RobotInfo | None:
@@ -132,13 +132,12 @@ class ReportedState:
         self._link.changed()
         self._watch_for_silence()
 
-    def _task_ended(self, task_id: int) -> None:
-        """Forget a task that has ended, if its end was not reported."""
+    def _task_told(self, report: TaskProc) -> None:
+        """Forget a task whose end only an answer has told; `_values` takes the reports."""
         info = self.info
-        if info is None or info.task_proc.robot_task_id != task_id:
-            return
-        if is_unfinished(info.task_proc):
-            self._values.remember(TaskProc())
+        has_ended = not report.robot_task_id
+        if has_ended and info is not None and is_unfinished(info.task_proc):
+            self._values.remember(report)
             self._changed()
 
     def _watch_for_silence(self) -> None:

@@ -168,7 +168,7 @@ class TaskRunner:
         link.chassis.subscribe(TaskProc, self._reported)
         link.chassis.on_snapshot(self._snapshot)
         link.chassis.on_state(self._link_changed)
-        link.on_task_end(self._foreign_ended)
+        link.gate.wheel_owner.on_task(self._task_told)
 
     @property
     def paused(self) -> bool:
@@ -304,10 +304,11 @@ class TaskRunner:
                 self._note_end()
             self._link.changed()
 
-    def _foreign_ended(self, task_id: int) -> None:
-        """Clear `foreign_id` after the end of that task, of which no report may tell."""
-        if task_id == self.foreign_id:
-            self._update_foreign_id(TaskProc(robot_task_id=task_id, state=task.kCompleted))
+    def _task_told(self, report: TaskProc) -> None:
+        """Clear `foreign_id` after an end of which only an answer has told."""
+        if self.foreign_id and not report.robot_task_id:
+            ended = TaskProc(robot_task_id=self.foreign_id, state=task.kCompleted)
+            self._update_foreign_id(ended)
 
     def _handle_report(self, report: TaskProc) -> None:
         """Update the current task from a report."""
@@ -318,7 +319,7 @@ class TaskRunner:
             reason = _END_REASONS[report.state]
             text = report.msg if reason else ""
             self.was_canceled = report.state == task.kCanceled
-            self._link.task_ended(self.id)
+            self._link.gate.wheel_owner.task_ended(self.id)
             self._end(self.id, WITH_TEXT(reason=reason, text=text) if text else reason)
             return
         # before an obstacle, the state of the task is kPaused, too
@@ -435,7 +436,7 @@ class TaskRunner:
         def take_answer(answer: Answer) -> None:
             # other states, e.g. a fault, may hide that a task goes on
             if isinstance(answer.body, RobotInfo) and answer.body.state == robot.kIdle:
-                self._link.task_ended(task_id)
+                self._link.gate.wheel_owner.task_ended(task_id)
 
         answer = await self._link.ask(RobotInfo(), tap=take_answer)
         state = answer.body.state if isinstance(answer.body, RobotInfo) else None
