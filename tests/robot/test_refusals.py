@@ -182,7 +182,7 @@ async def test_the_state_at_the_time_of_the_refusal_counts():
         rig.client.on_refused(refused.append)
         await rig.send(ExecTask(task_id=1))
         reason = asyncio.ensure_future(rig.explainer.reason("woosh.robot.ExecTask"))
-        await eventually(lambda: refused)
+        await eventually(lambda: any(isinstance(each, ExecTask) for each in refused))
         rig.last_known.remember(TaskProc())
         await rig.wire.push(STATUS_CODE, code(NOT_AUTOMATIC))
         assert (await reason).startswith("the robot is executing task 17; ")

@@ -255,6 +255,7 @@ class MotionGate:
         self._send = chassis.reserve(commands_motion)  # rule 1
         self._open_goals = open_goals
         self._on_late_stop = on_late_stop
+        self.wheel_owner = WheelOwner(chassis, self._start_reported)
         self.timing = MotionTiming()
         self._velocities = LatestWins[Answer](lambda: self.timing)
         self._last_velocity = Twist()
@@ -288,7 +289,6 @@ class MotionGate:
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
         self._drops = DropLog(_LOG)
         self.superseded = 0
-        self.wheel_owner = WheelOwner(chassis, self._start_reported, lambda: self.timing.effect)
         chassis.on_state(self._link_changed)
         self._link_changed(chassis.state)
 

@@ -113,8 +113,11 @@ class SpeedLimiter:
         return _ACTION if self._action_navigates else 0
 
     def _link_changed(self, state: LinkState) -> None:
-        """Send the limit once the link is ready."""
-        self._send()
+        """Send the limit once the link is ready; without a link, no navigation is known."""
+        if state is LinkState.READY:
+            self._send()  # the first RobotInfo comes before requests are possible
+        else:
+            self._task_navigates = self._action_navigates = False
 
     def _owner_known(self, unknown: Collection[str]) -> None:
         """Assume that the action still navigates, if the robot does not tell in a new link."""
@@ -159,8 +162,7 @@ class SpeedLimiter:
         """Send the limit if the robot navigates, may not have it yet and has not refused it."""
         if self._limit is None or self._limit == self._sent:  # nothing to limit, or sent already
             return
-        is_ready = self._chassis.state is LinkState.READY
-        if self.refusal or not self._navigation or not is_ready:
+        if self.refusal or not self._navigation:
             return
         self._note_sent(self._limit)
         self._start(self._send_limit(self._navigation, self._limit))

@@ -88,7 +88,6 @@ class WheelOwner:
         chassis: the link; used in its event loop only.
         on_start: called when the chassis reports that something has started or been resumed, with
             "task" or the short name of the action, and with True if it drives the robot.
-        timeout: returns the time to wait for the answer to the query, in seconds.
 
     Attributes:
         name: name of the task or the actions that may drive the robot now; empty without any.
@@ -96,15 +95,9 @@ class WheelOwner:
         task_id: id of the task that was reported last, also if it has ended; 0 before the first.
     """
 
-    def __init__(
-        self,
-        chassis: ChassisClient,
-        on_start: Callable[[str, bool], None],
-        timeout: Callable[[], float],
-    ) -> None:
+    def __init__(self, chassis: ChassisClient, on_start: Callable[[str, bool], None]) -> None:
         self._chassis = chassis
         self._on_start = on_start
-        self._timeout = timeout
         self.name: str = ""
         self.acceptances = 0
         self.task_id = 0
@@ -237,9 +230,7 @@ class WheelOwner:
         """Ask which actions the robot executes; without an answer, none counts as executing."""
         try:
             # with `first`, it takes no place of the requests that clients may have in flight
-            await self._chassis.request(
-                Feedbacks(), self._timeout(), first=True, tap=self._answered
-            )
+            await self._chassis.request(Feedbacks(), first=True, tap=self._answered)
         except (ConnectionLostError, NotConnectedError):
             pass  # the next link begins with a query, too
         except LinkError:
