@@ -29,6 +29,7 @@ from tests.tools.dashboard.pages import (
     say,
     velocities,
 )
+from woosh_robot_agent.link import ChassisClient, LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.motion import VelocityDriver, gate
 from woosh_robot_agent.motion.timeliness import MotionTiming
@@ -473,6 +474,31 @@ async def test_what_begins_after_a_stop_and_is_not_cancelled_raises_the_alarm(
         chassis.push(TaskProc(robot_task_id=7, state=task.kExecuting))
         alarm = await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
         assert "NOT STOPPED: cancel of task: Request failed" in say(alarm)
+
+
+async def test_velocities_of_another_program_after_a_stop_raise_the_alarm(
+    chassis: SimulatorThread,
+) -> None:
+    """A joystick at an agent, for example, knows nothing of a stop by this page."""
+    config = LinkConfig("127.0.0.1", chassis.port)
+    async with controlled(chassis) as viewer, ChassisClient(config=config) as client:
+        other = gate.MotionGate(client)
+
+        async def drive() -> None:
+            while True:
+                await client.wait_ready(TIMEOUT)
+                await other.request(Twist(linear=0.3))
+                await asyncio.sleep(0.05)
+
+        driving = asyncio.ensure_future(drive())
+        try:
+            await eventually(lambda: is_driving(chassis))
+            await viewer.give("stop")
+            alarm = await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
+            assert "another program drives it" in say(alarm)
+        finally:
+            driving.cancel()
+        await viewer.until(lambda parts: not parts["fleet"][0]["alarm"])
 
 
 @pytest.mark.parametrize("how", ["release", "watch", "idle", "rest"])

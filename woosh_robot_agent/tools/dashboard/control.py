@@ -23,6 +23,7 @@ from woosh_robot_agent.motion import (
     VelocityDriver,
     VelocityLimits,
 )
+from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask, Twist
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.standstill import Standstill
@@ -407,6 +408,8 @@ class Control:
     def _answered(self, command: AnsweredCommand) -> None:
         """End the press if the robot has refused its velocity."""
         viewer, answer = self.owner, command.answer
+        if may_move(command.message):
+            self.alarm.motion_commanded()
         refused = command.source == _STICK and not answer.ok
         if refused and viewer is not None and viewer.ended_press < self._press:
             viewer.ended_press = self._press  # at once: finding the reason takes time

@@ -11,9 +11,20 @@ from woosh_robot_agent.motion.gate import StopReport
 from woosh_robot_agent.motion.wheel_owner import may_drive
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.util.robot_pb2 import kFollowing
+from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.robot import Robot
 
+_MOVES_ON = Sentence(
+    "the robot has stopped and moves again, because another program drives it: stop that program, "
+    "or press the emergency stop of the robot"
+)()
+_SETTLING = 1.5
+"""Time after a confirmed stop for which a robot may slow down, in seconds."""
+_WATCH = 5.0
+"""Time after a confirmed stop until which a moving robot raises the alarm, in seconds."""
+_MOVED = 0.05
+"""Distance that shows that a robot moves after a confirmed stop, in metres."""
 _STANDSTILL = 1.0
 """Time for which a robot must stand still to end its alarm, in seconds."""
 _SAME_PLACE = 0.01
@@ -23,6 +34,9 @@ tell, because robots report none while they move sideways."""
 
 class StopAlarm:
     """Remembers that a stop was not confirmed, until a later stop is, or the robot stands still.
+
+    A robot that moves though its stop was confirmed raises the alarm, too: another program, e.g. an
+    agent with a joystick, goes on sending velocities.
 
     A robot does not stand still while it executes an action, e.g. moves a lift, or a task that may
     drive on by itself, or follows somebody. An action that was executing when the link was lost
@@ -45,7 +59,11 @@ class StopAlarm:
         standstill."""
         self._pose: dict[str, Any] | None = None
         """Pose of the robot at `_maybe_moving_at`, as in the part `pose`."""
-        robot.chassis.subscribe(PoseSpeed, lambda report: self._check_standstill())
+        self._confirmed_at = -math.inf
+        """Loop time of the last confirmed stop; -inf before the first, and after a command."""
+        self._stopped_pose: dict[str, Any] | None = None
+        """Pose at which the robot stood after that; None until it is known."""
+        robot.chassis.subscribe(PoseSpeed, lambda report: self._moved())
 
     @property
     def reason(self) -> str:
@@ -65,10 +83,28 @@ class StopAlarm:
         if given >= self._given:
             self._given = given
             self._reason = "" if report.success else report.message
+            self._confirmed_at, self._stopped_pose = -math.inf, None
             if report.success:  # no action goes on
+                self._confirmed_at = asyncio.get_running_loop().time()
                 self._robot.lost_actions.clear()
             self._restart_standstill()
         self._on_answered()
+
+    def motion_commanded(self) -> None:
+        """Note that a viewer has commanded a motion after the last stop."""
+        self._confirmed_at = -math.inf
+
+    def _moved(self) -> None:
+        """Raise the alarm if the robot moves after a confirmed stop; end it at a standstill."""
+        since = asyncio.get_running_loop().time() - self._confirmed_at
+        pose = part_data.pose_data(self._robot.view.info)
+        if not self._reason and pose is not None and _SETTLING < since < _WATCH:
+            former = self._stopped_pose = self._stopped_pose or pose
+            if _distance(former, pose) > _MOVED:
+                self._reason = _MOVES_ON
+                self._restart_standstill()
+                self._on_answered()
+        self._check_standstill()
 
     def _restart_standstill(self) -> None:
         """Begin the time for which the robot must stand still: now, and at its present pose."""
@@ -99,4 +135,9 @@ class StopAlarm:
         pose = part_data.pose_data(view.info)
         if pose is None or former is None or pose["linear"] or pose["angular"]:
             return True
-        return math.dist(*((each["x"], each["y"]) for each in (pose, former))) > _SAME_PLACE
+        return _distance(pose, former) > _SAME_PLACE
+
+
+def _distance(pose: dict[str, Any], other: dict[str, Any]) -> float:
+    """Return the distance between two poses, in metres."""
+    return math.dist((pose["x"], pose["y"]), (other["x"], other["y"]))
