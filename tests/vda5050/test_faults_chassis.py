@@ -527,7 +527,7 @@ async def test_an_action_that_the_robot_drops_without_a_report_fails(
         master.instant(action("step", "step", distance=1.0, speed=0.02))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
         if begun:  # it knows the action when it is asked
-            await eventually(lambda: site.chassis.counts[FEEDBACKS] > 1)
+            await eventually(lambda: site.chassis.counts[FEEDBACKS] > 2)
         hide_actions(site.chassis, Feedbacks())
         state = await master.status("step", "FAILED")
         assert "does not tell how it ended" in result_of(state, "step")
@@ -544,7 +544,7 @@ async def test_no_order_waits_for_an_action_that_the_robot_has_dropped_without_a
         step = action("step", "step", distance=1.0, speed=0.02)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 8.0, -7.0)])
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
-        await eventually(lambda: site.chassis.counts[FEEDBACKS] > 1)
+        await eventually(lambda: site.chassis.counts[FEEDBACKS] > 2)
         hide_actions(site.chassis, Feedbacks())
         site.chassis.call(
             lambda simulator: simulator.chassis.actions.cancel(full_name(StepControl))
