@@ -141,7 +141,9 @@ class Execution:
     @property
     def is_driving(self) -> bool:
         """True during a drive of the order that is not paused, and while `has_own_motion`."""
-        return (self.order.driving and not self.drive.stays_paused) or self.has_own_motion
+        return (
+            self.order.driving and not self.drive.controller.stays_paused
+        ) or self.has_own_motion
 
     @property
     def is_executing(self) -> bool:
@@ -159,7 +161,7 @@ class Execution:
 
         That is something outside of the vehicle, or an action that began before a restart.
         """
-        may_move_base = self.calls.moves_base or bool(self.tasks.id)
+        may_move_base = self.calls.moves_base or bool(self.tasks.runner.id)
         return self._is_driven_otherwise or (self.has_leftovers and may_move_base)
 
     @property
@@ -171,10 +173,10 @@ class Execution:
     def paused(self) -> bool:
         """True while the vehicle is paused: a startPause took effect, or people have paused it."""
         if self.pause_wanted:
-            is_drive_paused = not self.order.driving or self.drive.stays_paused
+            is_drive_paused = not self.order.driving or self.drive.controller.stays_paused
             return is_drive_paused and self.calls.all_paused and self.tasks.all_paused
         # a drive that waits for an instant action is held, too, but the vehicle is not paused
-        is_drive_paused = self.drive.paused and not self.order.held
+        is_drive_paused = self.drive.controller.paused and not self.order.held
         return is_drive_paused or self.calls.any_paused or self.tasks.paused
 
     @property
@@ -185,7 +187,7 @@ class Execution:
         info = self.robot.info
         if info is not None and info.state == robot.kFollowing:  # it follows a person
             return True
-        own_id = self.tasks.id
+        own_id = self.tasks.runner.id
         if foreign_id := self.drive.foreign_id:
             return foreign_id != own_id  # for `drive`, the task of an action is foreign too
         return bool(self.link.gate.reported_owner) and not own_id and not self.calls.moves_base
@@ -193,11 +195,11 @@ class Execution:
     @property
     def is_leaving_task(self) -> bool:
         """True from the end of a task until the robot has left it and can take the next one."""
-        if self.drive.id or self.tasks.id or self.robot.info is None:
+        if self.drive.id or self.tasks.runner.id or self.robot.info is None:
             return False
         is_in_task = self.robot.info.state in (robot.kTask, robot.kParking)
         now = asyncio.get_running_loop().time()
-        return is_in_task and now < max(self.drive.leaves_until, self.tasks.leaves_until)
+        return is_in_task and now < max(self.drive.leaves_until, self.tasks.runner.leaves_until)
 
     @property
     def _may_be_moved_by_action(self) -> bool:
@@ -211,7 +213,7 @@ class Execution:
 
         The task of startCharging usually outlasts the action.
         """
-        return bool(self.tasks.id) and not self.order.driving and not self.order.acting
+        return bool(self.tasks.runner.id) and not self.order.driving and not self.order.acting
 
     @property
     def _is_located(self) -> bool:
@@ -263,7 +265,7 @@ class Execution:
             return errors
         if self._must_wait:
             info = self.robot.info
-            is_foreign = self.drive.foreign_id not in (0, self.tasks.id)
+            is_foreign = self.drive.foreign_id not in (0, self.tasks.runner.id)
             kind = info.task_proc.type if info is not None and is_foreign else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
             errors.append(warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint))
@@ -299,7 +301,7 @@ class Execution:
         # after a loss of the link, only an action that surely moves the base explains a new place:
         # otherwise, people may have moved the robot
         by_action = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
-        by_task = self.tasks.confirmed  # the robot executes the task of an action
+        by_task = self.tasks.runner.confirmed  # the robot executes the task of an action
         self.order.moved(place, by_action=by_action or by_task, confirmed=self.drive.confirmed)
         if self.robot.status is not None and self.robot.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()
@@ -403,7 +405,7 @@ class Execution:
             execute: executes a command about an action.
         """
         if self.robot.status is not None and self.robot.status.emergency_stop:
-            self.drive.disown_pause()  # so that no end of an action resumes the drive
+            self.drive.controller.disown_pause()  # so that no end of an action resumes the drive
         while commands := [*self._take_instant(), *self._poll_order()]:
             for command in commands:
                 if isinstance(command, Perform | EndAction):
@@ -411,7 +413,7 @@ class Execution:
                 elif isinstance(command, Drive):
                     self.drive.start(leg_task(command.leg, self.robot.position))
                 elif command is Control.RESUME:
-                    self.drive.end_own_pause()
+                    self.drive.controller.end_own_pause()
                 else:
                     self.drive.want(command)
         self.speed.limit(self.order.speed_limit)
@@ -431,7 +433,7 @@ class Execution:
             and not (self.drive.id or self._must_wait or self.is_leaving_task)
         )
         return self.order.poll(
-            may_drive=is_free and not self.tasks.id,
+            may_drive=is_free and not self.tasks.runner.id,
             # a charging task that goes on does not move the robot, and an action may end it; while
             # an action sets the position, the last report may be of the former one
             may_check=is_free and not self.tasks.is_busy and not self._may_be_moved_by_action,
