@@ -115,10 +115,19 @@ class ReportedState:
         """True while the robot moves, by its last report."""
         return self.status is not None and self.status.driving
 
-    def remember_pose(self, pose: PoseSpeed) -> None:
-        """Store a pose that the robot sent as an answer, not as a push."""
-        self._values.remember(pose)
-        self._moved()
+    async def read_pose(self) -> None:
+        """Ask for the pose, and store it: a robot that stands pushes it late, or not at all.
+
+        Raises:
+            LinkError: the robot did not answer.
+        """
+
+        def take_answer(answer: Answer) -> None:
+            if answer.ok and isinstance(answer.body, PoseSpeed):
+                self._values.remember(answer.body)
+                self._moved()
+
+        await self._link.ask(PoseSpeed(), tap=take_answer)
 
     def _moved(self) -> None:
         """Take note of a new pose."""
@@ -160,13 +169,8 @@ class ReportedState:
 
     async def _ask_for_pose(self) -> None:
         """Ask for the pose once; without an answer, `_check_silence` asks again."""
-
-        def take_answer(answer: Answer) -> None:
-            if answer.ok and isinstance(answer.body, PoseSpeed):
-                self.remember_pose(answer.body)
-
         try:
-            await self._link.ask(PoseSpeed(), tap=take_answer)
+            await self.read_pose()
         except LinkError as error:
             _LOG.debug("no answer about the pose: %s", error)  # asked again
 
