@@ -226,11 +226,13 @@ class Intake:
     Each topic has one method, which returns False if the state of the vehicle has not changed.
 
     Attributes:
+        identity: manufacturer and serial number of the vehicle; set it before the first message.
         message_error: why the last message with instant actions or zones was rejected; None if it
             was accepted, and after a new order.
     """
 
     def __init__(self, execution: Execution) -> None:
+        self.identity = Identity("", "")
         self._version = execution.version
         self._execution = execution
         self._log = LogOnce(_LOG)
@@ -241,13 +243,13 @@ class Intake:
         None before the first."""
         self.message_error: VehicleError | None = None
 
-    def take_order(self, identity: Identity, payload: bytes) -> bool:
+    def take_order(self, payload: bytes) -> bool:
         """Accept or reject an order; return False if the vehicle has the order already."""
         execution = self._execution
         if payload == self._payload:  # not parsed: a master control may repeat a large order often
             return False
         try:
-            received = read_order(payload, self._version, identity)
+            received = read_order(payload, self._version, self.identity)
             if received == self._order:
                 return False
             here = execution.robot.position
@@ -272,22 +274,19 @@ class Intake:
                 execution.instant.forget_ended()
         return True
 
-    def take_stops(self, identity: Identity, payload: bytes) -> bool:
+    def take_stops(self, payload: bytes) -> bool:
         """Accept or reject instant actions, but ignore those that do not stop; return True."""
-        return self.take_instant_actions(identity, payload, {START_PAUSE, CANCEL_ORDER})
+        return self.take_instant_actions(payload, {START_PAUSE, CANCEL_ORDER})
 
-    def take_instant_actions(
-        self, identity: Identity, payload: bytes, only: Set[str] | None = None
-    ) -> bool:
+    def take_instant_actions(self, payload: bytes, only: Set[str] | None = None) -> bool:
         """Accept or reject instant actions; return True.
 
         Args:
-            identity: manufacturer and serial number of the vehicle.
             payload: the message.
             only: types to accept, ignoring others; None to accept all.
         """
         try:
-            actions = read_instant_actions(payload, self._version, identity)
+            actions = read_instant_actions(payload, self._version, self.identity)
         except RejectedError as rejected:
             self._log.warn(f"actions: {rejected}", f"instant actions were rejected: {rejected}")
             self.message_error = rejected.error
@@ -297,9 +296,9 @@ class Intake:
             self._execution.instant.receive(kept)
         return True
 
-    def refuse_zone_set(self, identity: Identity, payload: bytes) -> bool:
+    def refuse_zone_set(self, payload: bytes) -> bool:
         """Refuse a zone set, because the robot takes no zones; return True."""
-        error = refusal_of_zone_set(payload, self._version, identity)
+        error = refusal_of_zone_set(payload, self._version, self.identity)
         reason = error.description
         self._log.warn(f"zones: {reason}", f"a zone set was refused: {reason}")
         self.message_error = error

@@ -64,7 +64,7 @@ def state_message(version: Version, state: VehicleState) -> Fields:
         "nodeStates": list(map(_node_state, order.nodes)),
         "edgeStates": list(map(_edge_state, order.edges)),
         "driving": robot.driving,
-        "paused": order.paused,
+        "paused": state.paused,
         "newBaseRequest": order.new_base_request,
         "batteryState": _battery(version, robot.battery),
         "operatingMode": version.value(robot.mode.value),
@@ -74,12 +74,13 @@ def state_message(version: Version, state: VehicleState) -> Fields:
             "fieldViolation": robot.field_violation,
         },
     }
-    actions = [each for each in order.actions if not (version.is_3 and each.instant)]
-    message["actionStates"] = [_action_state(version, each) for each in actions]
+    actions = [_action_state(version, each) for each in order.actions]
+    instant_actions = [_action_state(version, each) for each in state.instant_actions]
     if version.is_3:
-        instant = [each for each in order.actions if each.instant]
-        message["instantActionStates"] = [_action_state(version, each) for each in instant]
+        message |= {"actionStates": actions, "instantActionStates": instant_actions}
         message |= _planned_path(state)
+    else:
+        message["actionStates"] = actions + instant_actions
     if order.distance_since_last_node is not None:
         message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
     if robot.loaded is not None:

@@ -116,11 +116,7 @@ class InstantActions:
                 ids.pop(action.id, None)  # moves a repeated id to the end
             self._known[action.id] = None
             self._states[action.id] = ActionState(
-                action.id,
-                action.type,
-                ActionStatus.WAITING,
-                description=action.description,
-                instant=True,
+                action.id, action.type, ActionStatus.WAITING, description=action.description
             )
             objection = find_objection(self._types, action, Scope.INSTANT)
             if self._is_too_many(action.type):
