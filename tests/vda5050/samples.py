@@ -84,9 +84,5 @@ FACTSHEET = Factsheet(
             "what was picked",
         ),
     ),
-    optional_parameters={
-        "order.edges.maxSpeed": "at least 0.05 m/s",
-        "order.edges.rotationAllowed": "",
-    },
     versions=(("robot system", "1.2"),),
 )

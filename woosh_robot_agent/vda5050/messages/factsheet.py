@@ -193,8 +193,6 @@ class Factsheet:
         vehicle_class: `agvClass`, e.g. CARRIER.
         max_load: maximum mass of the load.
         outline: corners of the outline, as x and y in the vehicle's frame; empty if unknown.
-        optional_parameters: optional fields that the vehicle obeys, e.g. `order.edges.maxSpeed`,
-            with a description, which may be empty.
         versions: versions of the vehicle's software, by name.
     """
 
@@ -209,5 +207,4 @@ class Factsheet:
     limits: Limits
     outline: tuple[tuple[float, float], ...]
     actions: tuple[ActionType, ...]
-    optional_parameters: Mapping[str, str]
     versions: tuple[tuple[str, str], ...] = ()

@@ -44,6 +44,17 @@ _MAX_ACCELERATION = 0.5
 """Maximum acceleration and deceleration in the factsheet, in m/s²; the robot reports neither."""
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
+OPTIONAL_PARAMETERS: Mapping[str, str] = {
+    "order.nodes.nodePosition": "or nodeId is the number of a mark",
+    "order.nodes.nodePosition.theta": "",
+    "order.nodes.nodePosition.allowedDeviationXY": "",
+    "order.nodes.nodePosition.allowedDeviationTheta": "",
+    "order.edges.maxSpeed": "",
+    "order.edges.orientation": "only TANGENTIAL 0: forwards",
+    "order.edges.rotationAllowed": "only true",
+    "order.edges.trajectory": "also several edges without a stop",
+}
+"""Optional fields of the standard that the connector obeys, with descriptions, if needed."""
 
 _NOT_LOCALIZED = VehicleError(
     "LOCALIZATION_ERROR",
@@ -150,8 +161,10 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         },
         "protocolFeatures": {
             "optionalParameters": [
-                _optional_parameter(name, description)
-                for field, description in factsheet.optional_parameters.items()
+                _without_empty(
+                    {"parameter": name, "support": "SUPPORTED", "description": description}
+                )
+                for field, description in OPTIONAL_PARAMETERS.items()
                 if (name := version.name(field))
             ],
             "agvActions": [_action_type(version, each) for each in factsheet.actions],
@@ -314,10 +327,6 @@ def _error(version: Version, error: VehicleError) -> Fields:
 
 
 # Parts of the factsheet
-
-
-def _optional_parameter(name: str, description: str) -> Fields:
-    return _without_empty({"parameter": name, "support": "SUPPORTED", "description": description})
 
 
 def _action_type(version: Version, action: ActionType) -> Fields:
