@@ -56,8 +56,7 @@ class ReportedState:
         self._link = link
         self._values = LastKnown(link.chassis)
         self._status: RobotStatus | None = None
-        self._is_current = False
-        """True if `_status` is up to date, except for the position."""
+        """The status when it was read last; None if it has changed since, except for its pose."""
         self._has_moved = False
         """True if the position has changed since `_status` was computed."""
         self._pose_at = -math.inf
@@ -83,7 +82,7 @@ class ReportedState:
         info = self.info
         if info is None:
             return None
-        if self._status is None or not self._is_current:
+        if self._status is None:
             report = self._values.value(NavPath)
             path = () if report is None else status.points(report.path.poses)
             self._status = replace(status.robot_status(info), path=path)
@@ -94,7 +93,7 @@ class ReportedState:
                 position=status.position(info),
                 velocity=status.velocity(info),
             )
-        self._is_current, self._has_moved = True, False
+        self._has_moved = False
         return self._status
 
     @property
@@ -137,7 +136,7 @@ class ReportedState:
         self._watch_for_silence()
 
     def _changed(self) -> None:
-        self._is_current = False
+        self._status = None
         self._link.changed()
         self._watch_for_silence()
 
@@ -175,4 +174,4 @@ class ReportedState:
             _LOG.debug("no answer about the pose: %s", error)  # asked again
 
     def _path_changed(self) -> None:
-        self._is_current = False  # without `_link.changed`: a new path needs no state message
+        self._status = None  # without `_link.changed`: a new path needs no state message
