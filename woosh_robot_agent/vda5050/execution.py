@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from woosh_robot_agent.link import LinkState
@@ -91,7 +91,6 @@ class Execution:
         is_only_connector: False while another connector uses the topics of the vehicle.
         order_error: why an order was rejected, cleared or lost; None if an order was accepted
             since.
-        pause_wanted: True from a startPause to a stopPause.
         link_lost_at: time at which the link was lost, by `boot_time`; before the first link, the
             time of creation; inf while there is a link.
     """
@@ -114,7 +113,6 @@ class Execution:
         self.active: dict[str, Action] = {}
         self.is_only_connector = True
         self.order_error: VehicleError | None = None
-        self.pause_wanted = False
         self.link_lost_at = boot_time()
         self._refused_speed = ""
         """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
@@ -163,6 +161,11 @@ class Execution:
         """
         may_move_base = self.calls.moves_base or bool(self.tasks.runner.id)
         return self._is_driven_otherwise or (self.has_leftovers and may_move_base)
+
+    @property
+    def pause_wanted(self) -> bool:
+        """True from a startPause to a stopPause."""
+        return PAUSE in self.order.holds
 
     @property
     def may_act(self) -> bool:
@@ -233,59 +236,49 @@ class Execution:
             return False
         return not self._is_acting  # an action may set the position
 
-    def errors(self) -> list[VehicleError]:
-        """Return the error of a lost link, and errors that tell why the order or robot waits."""
-        errors = []
+    def errors(self) -> Iterator[VehicleError]:
+        """Yield the error of a lost link, and errors that tell why the order or robot waits."""
         order = self.order.status
         if not self.link.ready:
             chassis = self.link.chassis
             text = _LINK_LOST(time=timestamp(chassis.since))
             if chassis.last_error is not None:
                 text = _BECAUSE(text=text, reason=said_by(chassis.last_error))
-            errors.append(
-                warning(
-                    ErrorType.ROBOT_CONNECTION,
-                    text,
-                    "check that the robot is on, and that the network reaches it",
-                )
+            yield warning(
+                ErrorType.ROBOT_CONNECTION,
+                text,
+                "check that the robot is on, and that the network reaches it",
             )
         if self.robot.status is not None and self.robot.status.blocked:
             references: dict[str, str] = {}
             if order.nodes:
                 references = {"orderId": order.order_id, "nodeId": order.nodes[0].id}
-            errors.append(
-                warning(
-                    ErrorType.OBSTACLE,
-                    _OBSTACLE(),
-                    "clear the way, and the robot drives on; or cancel the order",
-                    **references,
-                )
+            yield warning(
+                ErrorType.OBSTACLE,
+                _OBSTACLE(),
+                "clear the way, and the robot drives on; or cancel the order",
+                **references,
             )
         if not self.order.can_go_on:  # it waits for an update, or can only be cancelled
-            return errors
+            return
         if self._must_wait:
             info = self.robot.info
             is_foreign = self.drive.foreign_id not in (0, self.tasks.runner.id)
             kind = info.task_proc.type if info is not None and is_foreign else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
-            errors.append(warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint))
+            yield warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint)
         elif self._has_charging_task:
-            errors.append(
-                warning(
-                    ErrorType.ROBOT_BUSY,
-                    _WAITS(cause=_CHARGES()),
-                    "end it with stopCharging, or wait for its end",
-                )
+            yield warning(
+                ErrorType.ROBOT_BUSY,
+                _WAITS(cause=_CHARGES()),
+                "end it with stopCharging, or wait for its end",
             )
         elif self.link.ready and not (self._is_located or self._is_acting):
-            errors.append(
-                warning(
-                    ErrorType.NOT_AVAILABLE,
-                    _WAITS(cause=NO_POSITION()),
-                    "place it on the map with initPosition, or cancel the order",
-                )
+            yield warning(
+                ErrorType.NOT_AVAILABLE,
+                _WAITS(cause=NO_POSITION()),
+                "place it on the map with initPosition, or cancel the order",
             )
-        return errors
 
     # Events
 
@@ -327,11 +320,10 @@ class Execution:
         """Pause or resume the order and all actions; idempotent."""
         if wanted == self.pause_wanted:
             return
-        self.pause_wanted = wanted
         if wanted:
-            self.order.hold(PAUSE)
+            self.order.holds.add(PAUSE)
         else:
-            self.order.release(PAUSE)
+            self.order.holds.discard(PAUSE)
         control = Control.PAUSE if wanted else Control.RESUME
         self.calls.want(control)
         self.tasks.want(control)
@@ -390,7 +382,7 @@ class Execution:
             self.link_lost_at = math.inf
         else:
             self.link_lost_at = min(self.link_lost_at, boot_time())
-            self.order.link_lost()
+            self.order.route.link_lost()
             self._link_was_lost = True
         self.link.changed()
 
@@ -425,7 +417,7 @@ class Execution:
     def _poll_order(self) -> list[Command]:
         """Return the next commands of the order; a drive only while nothing else uses the robot."""
         if self._is_driven_otherwise:  # so the robot may leave the last node
-            self.order.require_place_check()
+            self.order.route.must_check_place = True
         is_free = (
             self.may_act
             and self.robot.is_automatic

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable, Sequence, Set
+from dataclasses import dataclass
 
 from woosh_robot_agent.link.reports import LogOnce, one_line
 from woosh_robot_agent.sentences import Sentence
@@ -51,17 +52,17 @@ _TOLERANCE = 0.25
 """Maximum distance of the ends of a trajectory from their nodes, in metres."""
 
 
+@dataclass(frozen=True)
 class OrderCheck:
     """Check of an order against what a vehicle can do.
 
-    Args:
+    Attributes:
         knows_marks: True if the marks of the robot are known.
     """
 
-    def __init__(self, order: Order, types: ActionTypes, *, knows_marks: bool) -> None:
-        self._order = order
-        self._types = types
-        self._knows_marks = knows_marks
+    order: Order
+    types: ActionTypes
+    knows_marks: bool
 
     def check(self, status: RobotStatus | None) -> None:
         """Check the order.
@@ -82,29 +83,29 @@ class OrderCheck:
             raise self._error(
                 ErrorType.NOT_AVAILABLE, NO_POSITION(), "place it on the map with initPosition"
             )
-        if self._order.unsupported:
-            raise self._unsupported(self._order.unsupported, _ORDER())
+        if self.order.unsupported:
+            raise self._unsupported(self.order.unsupported, _ORDER())
         self._check_size()
-        for edge in self._order.edges:
+        for edge in self.order.edges:
             self._check_edge(edge)
         maps = {status.position.map_id, *(each.id for each in status.maps or ())}
-        for node in self._order.nodes:
+        for node in self.order.nodes:
             self._check_node(node, maps, knows_maps=status.maps is not None)
         for start, edge, end in zip(
-            self._order.nodes, self._order.edges, self._order.nodes[1:], strict=False
+            self.order.nodes, self.order.edges, self.order.nodes[1:], strict=False
         ):
             self._check_trajectory(start, edge, end)
 
     def _check_size(self) -> None:
         """Raise RejectedError if the order has too many nodes or control points."""
-        if (number := len(self._order.nodes)) > MAX_NODES:
+        if (number := len(self.order.nodes)) > MAX_NODES:
             raise self._error(
                 ErrorType.ORDER,
                 _MANY_NODES(count=number, most=MAX_NODES),
                 "send a shorter order, and extend it by updates",
                 parameter="nodes",
             )
-        trajectories = (edge.trajectory for edge in self._order.edges)
+        trajectories = (edge.trajectory for edge in self.order.edges)
         count = sum(len(each.points) for each in trajectories if each is not None)
         if count > _MAX_CONTROL_POINTS:
             raise self._error(
@@ -137,7 +138,7 @@ class OrderCheck:
         """
         position = node.position
         is_missing = position is None or position.map_id not in maps
-        if is_missing and not (self._knows_marks if position is None else knows_maps):
+        if is_missing and not (self.knows_marks if position is None else knows_maps):
             raise self._error(
                 ErrorType.ORDER, NOT_READ(), "send the order again later", nodeId=node.id
             )
@@ -179,7 +180,7 @@ class OrderCheck:
     def _check_actions(self, actions: Iterable[Action], scope: Scope, **place: str) -> None:
         """Raise RejectedError if an action is impossible; `place` refers to its node or edge."""
         for action in actions:
-            if objection := find_objection(self._types, action, scope):
+            if objection := find_objection(self.types, action, scope):
                 raise self._error(
                     ErrorType.ORDER_ACTION,
                     objection.reason,
@@ -203,7 +204,7 @@ class OrderCheck:
     def _error(
         self, kind: ErrorType, reason: str, hint: str, **references: object
     ) -> RejectedError:
-        return rejection(kind, self._order, reason, hint, **references)
+        return rejection(kind, self.order, reason, hint, **references)
 
 
 def _gap_objection(node: Node, point: Point) -> str:
@@ -322,5 +323,5 @@ class Intake:
         keeps_ended = self._version.is_3 or not is_new
         check_instant_ids(order, self._execution.instant.ids_in_state(ended=keeps_ended))
         execution = self._execution
-        check = OrderCheck(order, execution.types, knows_marks=execution.maps.knows_marks)
+        check = OrderCheck(order, execution.types, execution.maps.knows_marks)
         check.check(execution.robot_status)

@@ -285,7 +285,7 @@ class Session:
             late_handlers={reports.topic(Topic.INSTANT_ACTIONS): take_stops},
             on_connected=self._connected,
         )
-        reports.use(mqtt)
+        reports.mqtt = mqtt
         await self._wait_until_able()
         await mqtt.run()
 

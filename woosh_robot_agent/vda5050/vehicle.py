@@ -142,15 +142,11 @@ class Vehicle:
             return
         self._is_updating = True  # nothing is saved or sent before everything is restored
         execution.speed.restore(record.speed_is_limited)
-        execution.order.restore(record.order)
         execution.calls.restore(record.calls)
         execution.tasks.restore(record.action_task_id, info, lambda: self._reported.is_charging)
         execution.set_pause_wanted(PAUSE in record.order.holds)
-        unfinished = execution.instant.restore(
-            record.instant_actions, record.known_ids, record.order.holds
-        )
-        for action_id in unfinished:  # the robot may still execute the action
-            execution.order.interrupt(action_id)
+        execution.order.restore(record.order)
+        execution.instant.restore(record.instant_actions, record.known_ids)
         if execution.order.driving:
             execution.drive.restore(record.task_id, info)
         self._is_updating = False
