@@ -100,7 +100,7 @@ async def test_an_action_of_an_edge_ends_with_the_edge(site: Site) -> None:
             lambda state: status_of(state, "lift") not in ("RUNNING", "INITIALIZING")
         )
         assert left["driving"]
-        assert result_of(ended, "lift")
+        assert result_of(ended, "lift") == "the vehicle has left the edge"
         assert status_of(ended, "words") == "FINISHED"
         assert site.chassis.state.spoken == ("caution",)
         await master.reached("c")

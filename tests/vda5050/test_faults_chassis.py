@@ -122,7 +122,7 @@ async def test_an_action_that_comes_during_a_long_loss_of_the_link_is_not_begun_
             )
             for each in "step", "i":
                 state = await master.status(each, "FAILED" if is_long else "WAITING")
-                assert ("no link" in result_of(state, each)) == is_long
+                assert ("no link to the robot for" in result_of(state, each)) == is_long
         await master.wait_state(is_connected)
         master.instant(action("step", "next", distance=0.2))
         await master.status("next", "FINISHED")
@@ -151,21 +151,25 @@ async def test_a_step_that_waits_for_another_is_not_begun_after_a_long_loss_of_t
                 assert status_of(state, "one") == "RUNNING"
         set_speed(site.chassis, 20.0)
         await master.status("one", "FINISHED")
-        await master.status("two", "FAILED")
+        state = await master.status("two", "FAILED")
+        cause = "the connector was suspended" if suspended else "there was no link to the robot"
+        assert cause in result_of(state, "two")
     assert len(received(site.chassis, CallAction)) == 1
 
 
 async def test_a_step_whose_start_was_not_answered_goes_on_after_a_long_loss_of_the_link(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(runner, "_MAX_LOSS", 0.0)
+    set_speed(site.chassis, 1.0)
     silent = ["woosh.ros.CallAction", "woosh.ros.Feedbacks"]
     site.chassis.intercept(lambda out: [] if {out.type, out.request} & {*silent} else [out])
     async with site.online() as master:
         master.instant(action("step", "step", distance=0.6, speed=0.02))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
         async with site.without_link(master):
+            monkeypatch.setattr(runner, "_MAX_LOSS", 0.0)
             silent.clear()
+        set_speed(site.chassis, 20.0)
         await master.status("step", "FINISHED")
     assert commands(site.chassis) == ["step_control execute"]
 
@@ -553,6 +557,26 @@ async def test_no_order_waits_for_an_action_that_the_robot_has_dropped_without_a
             site.chassis.mute(full_name(CallAction))
         await master.status("step", "FAILED")
         await next_order(site, master, answers=answers)
+
+
+async def test_the_cancel_of_an_action_of_unknown_end_goes_on_after_a_lost_link(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(calls, monkeypatch)
+    set_speed(site.chassis, 1.0)
+    timing = Timing(minimum_timeouts={})
+    async with site.online(request_timeout=1.0, timing=timing) as master:
+        master.instant(action("step", "step", distance=1.0, speed=0.02))
+        await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
+        await eventually(lambda: site.chassis.counts[FEEDBACKS] > 1)
+        hide_actions(site.chassis, Feedbacks())
+        site.chassis.mute(full_name(CallAction))
+        await master.status("step", "FAILED")
+        await eventually(lambda: "step_control cancel" in commands(site.chassis))
+        async with site.without_link(master):
+            sent = len(commands(site.chassis))
+            site.chassis.accept(full_name(CallAction))
+        await eventually(lambda: commands(site.chassis)[sent:] == ["step_control cancel"])
 
 
 async def test_an_action_of_which_only_pushes_tell_goes_on(

@@ -11,7 +11,7 @@ import pytest
 from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
 from tests.vda5050.chassis_events import commands
-from tests.vda5050.conftest import EXEC, ORDER, Site, task_to
+from tests.vda5050.conftest import EXEC, LEG, ORDER, Site, task_to
 from tests.vda5050.master import (
     START,
     Master,
@@ -19,11 +19,12 @@ from tests.vda5050.master import (
     error_types,
     node,
     nodes_left,
+    references,
     result_of,
     status_of,
 )
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow
-from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
+from woosh_robot_agent.pb.ros.action_pb2 import LiftControl3, StepControl, kCancel, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
 from woosh_robot_agent.simulator.world.geometry import Pose
@@ -121,8 +122,29 @@ async def test_an_order_does_not_go_on_when_somebody_stops_an_action(
         master.instant(action("cancelOrder", "c"))
         ended = await master.status("c", "FINISHED")
         assert status_of(ended, "two") == "FAILED"
+        if not instant:  # otherwise it was not begun, because the robot may have been moved
+            assert f"{kind} was interrupted" in result_of(ended, "two")
     sent = [each for each in commands(site.chassis) if "cancel" not in each]
     assert sent == (["step_control execute"] if kind == "step" else ["charge C1"])
+
+
+async def test_an_action_beside_the_drive_that_somebody_stops_fails_and_the_order_goes_on(
+    site: Site,
+) -> None:
+    lift = action("liftTo", "lift", blocking="NONE", height=0.5, speed=0.001)
+    async with site.online() as master, site.other_client() as gate:
+        await site.drive(master, [node("a", 0, *START, actions=[lift]), LEG[1]])
+        await master.status("lift", "RUNNING")
+        stop = CallAction(lift_control3=LiftControl3(action=kCancel))
+        assert (await gate.request(stop)).ok
+        state = await master.error("actionError")
+        assert result_of(state, "lift").startswith("it was cancelled at the robot")
+        (error,) = state["errors"]
+        assert references(error)["actionId"] == "lift"
+        assert error["errorLevel"] == "WARNING"
+        set_speed(site.chassis, 20.0)
+        ended = await master.reached("b")
+        assert status_of(ended, "lift") == "FAILED"
 
 
 @asynccontextmanager

@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 from paho.mqtt.client import Client
 
+import woosh_robot_agent.vda5050.program as connector_program
 from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import quick_config, set_speed
 from tests.tools.dashboard.pages import page
@@ -135,7 +136,7 @@ async def test_a_lost_robot_affects_only_its_own_vehicle(
     assert concerned <= {f"{SERIALS[0]}: ", "nowhere: "}, caplog.text
 
 
-async def test_a_broker_that_is_off_does_not_keep_all_threads_busy(
+def test_a_broker_that_is_off_does_not_keep_all_threads_busy(
     chassis: SimulatorThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     connecting: set[object] = set()
@@ -149,14 +150,20 @@ async def test_a_broker_that_is_off_does_not_keep_all_threads_busy(
     monkeypatch.setattr(Client, "connect", connect)
     link = LinkConfig(ip="127.0.0.1", port=chassis.port)
     vehicles = {str(n): VehicleConfig(link, serial_number=str(n)) for n in range(40)}
-    connector = Connector(vehicles, BrokerConfig("broker", 1883))
-    connector.start()
-    try:
-        await eventually(lambda: len(connecting) == len(vehicles))
-        await asyncio.to_thread(is_over.set)  # e.g. a host name that is looked up
-    finally:
-        is_over.set()
-        await connector.close()
+
+    async def run(connector: Connector, dashboard_port: int | None) -> int:
+        connector.start()
+        try:
+            await eventually(lambda: len(connecting) == len(vehicles))
+            await asyncio.to_thread(is_over.set)  # e.g. a host name that is looked up
+        finally:
+            is_over.set()
+            await connector.close()
+        return 0
+
+    monkeypatch.setattr(connector_program, "_vehicles", lambda parser, options: vehicles)
+    monkeypatch.setattr(connector_program, "_run", run)
+    assert connector_program.main(["--broker", "mqtt://broker"]) == 0
 
 
 async def test_the_state_may_go_out_while_driving_and_without_maps(site: Site) -> None:

@@ -170,6 +170,7 @@ async def test_an_action_that_is_ended_before_it_begins_has_failed() -> None:
     execution.order.moved(orders.at(0.0))
     execution.order.receive(orders.path("a", actions={"a": [speak]}))
     runner.execute(Perform(speak, at_once=True))
-    runner.execute(EndAction(speak))
+    runner.execute(EndAction(speak, "it is not needed"))
     await eventually(lambda: execution.order.status.actions[0].status is ActionStatus.FAILED)
+    assert execution.order.status.actions[0].result == "it is not needed"
     await link.background.close()

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
-from woosh_robot_agent.link.tasks import ThreadPerCall
+from woosh_robot_agent.link.tasks import run_main
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 from woosh_robot_agent.tools.options import Address, add_link_options, link_config, stop_event
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
@@ -32,7 +32,8 @@ _VEHICLE_NAME = contextvars.ContextVar("vehicle_name", default="")
 class Connector:
     """Connects several robots to one broker, each as a vehicle. Use it in one asyncio event loop.
 
-    Each vehicle has its own connections, so that a lost robot affects only its own vehicle.
+    Each vehicle has its own connections, so that a lost robot affects only its own vehicle. To
+    connect to a broker that is off blocks a thread, too, so the loop should be that of `run_main`.
 
     Args:
         vehicles: configuration of each vehicle, by its name in the log.
@@ -49,8 +50,6 @@ class Connector:
 
     def start(self) -> None:
         """Start connecting to the robots, and to the broker once each robot is known."""
-        # connecting to a broker that is off blocks a thread, too
-        asyncio.get_running_loop().set_default_executor(ThreadPerCall())
         for vehicle, context in self._vehicles:
             context.run(vehicle.start)
 
@@ -109,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         parser.error(str(error))
     log_to_stderr(logging.INFO, "%(levelname)s: %(vehicle)s%(message)s", VehicleNameFilter())
-    return asyncio.run(_run(Connector(vehicles, broker), options.dashboard))
+    return run_main(_run(Connector(vehicles, broker), options.dashboard))
 
 
 def _make_parser() -> argparse.ArgumentParser:

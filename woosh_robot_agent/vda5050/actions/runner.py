@@ -27,7 +27,6 @@ from woosh_robot_agent.vda5050.messages.versions import Version
 from woosh_robot_agent.vda5050.orders.actions import count_startable
 from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform, need_standstill
 from woosh_robot_agent.vda5050.reports import Reports
-from woosh_robot_agent.vda5050.robot.tasks import UNSENT
 
 ACTIONS: Mapping[str, VehicleAction] = {
     action.type.name: action
@@ -69,7 +68,6 @@ def action_types(version: Version, *, can_log: bool = False) -> ActionTypes:
 
 
 _LOG = logging.getLogger(__name__)
-_ENDED = "the action was ended"
 _PROGRAM = Sentence("an error of the program; see its log")
 _MAX_LOSS = 30.0
 """Time without a link, or of a stall, after which no instant action waits, in seconds."""
@@ -99,7 +97,7 @@ class ActionRunner:
         """Start an action as soon as its blocking type permits, or end it."""
         action = command.action
         if isinstance(command, EndAction):
-            self._end(action, _ENDED)
+            self._end(action, command.reason)
         elif command.at_once:
             self._start(action)
         else:
@@ -133,14 +131,19 @@ class ActionRunner:
         """
         execution, gate = self._execution, self._execution.link.gate
         before, self._stall_ended = self._stall_ended, gate.stall_ended
-        has_stalled = self._stall_ended > before and gate.stall_duration > _MAX_LOSS
-        if not has_stalled and boot_time() < execution.link_lost_at + _MAX_LOSS:
+        if self._stall_ended > before and gate.stall_duration > _MAX_LOSS:
+            cause = "the connector was suspended"
+        elif boot_time() >= execution.link_lost_at + _MAX_LOSS:
+            cause = "there was no link to the robot"
+        else:
             return
         early = (ActionStatus.WAITING, ActionStatus.INITIALIZING)
         not_begun = {each.id for each in execution.instant.states if each.status in early}
         for action in (*self._waiting.values(), *execution.active.values()):
             if action.id in not_begun:
-                self._end(action, UNSENT)
+                self._end(
+                    action, f"{cause} for {_MAX_LOSS:g} s before the action began; send it again"
+                )
 
     def poll(self) -> None:
         """Start the actions that may start now.
@@ -173,9 +176,9 @@ class ActionRunner:
         running.add_done_callback(lambda task: self._done(action, task))
 
     def _done(self, action: Action, task: asyncio.Task[None]) -> None:
-        """Let an action fail if its task was cancelled before `_run` began."""
+        """Let an action fail if its task was cancelled."""
         if self._tasks.get(action.id) is task:
-            self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, _ENDED))
+            self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, ""))
 
     async def _run(self, action: Action) -> None:
         """Perform an action, and store its status until it has ended."""
@@ -192,9 +195,6 @@ class ActionRunner:
             else:
                 report(ActionStatus.RUNNING)
             result = await definition.perform(run)
-        except asyncio.CancelledError:
-            self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, _ENDED))
-            raise
         except ActionFailedError as error:
             self._failed(action, said_by(error), error.kind)
         except LinkError as error:
@@ -210,7 +210,10 @@ class ActionRunner:
         self._execution.action_failed(action, reason, kind)
         self._ended(action, ActionStatus.FAILED, reason)
         if kind is ErrorType.INTERRUPTED and need_standstill((action,)):
-            self._end_motion(_ENDED)
+            self._end_motion(
+                f"{action.type} was interrupted: {reason}; send this action again when the robot "
+                "may go on"
+            )
 
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
         """Forget an action that has ended, and store its final status and result."""

@@ -141,11 +141,12 @@ class OrderActions:
         ids = {action.id for action in self._edge_actions}
         waiting = {action.id for action in self.triggered}
         self.triggered = [action for action in self.triggered if action.id not in ids]
+        reason = "the vehicle has left the edge"
         for action in self._edge_actions:
             if action.id in waiting:
-                self.set_status(action.id, ActionStatus.FAILED, "the vehicle has left the edge")
+                self.set_status(action.id, ActionStatus.FAILED, reason)
             elif action.id in self.running:
-                self.commands.append(EndAction(action))
+                self.commands.append(EndAction(action, reason))
         self._edge_actions = ()
 
     def start(self, *, driving: bool) -> None:
@@ -179,4 +180,4 @@ class OrderActions:
             if action_id not in self.running and not state.status.ended:
                 self._states[action_id] = replace(state, status=ActionStatus.FAILED, result=reason)
         self.triggered.clear()
-        self.commands = [EndAction(action) for action in self.running.values()]
+        self.commands = [EndAction(action, reason) for action in self.running.values()]

@@ -181,9 +181,14 @@ class Perform:
 
 @dataclass(frozen=True)
 class EndAction:
-    """Command to end an action: the vehicle has left its edge, or the order was cancelled."""
+    """Command to end an action: the vehicle has left its edge, or the order was cancelled.
+
+    Attributes:
+        reason: result of the action if it fails because of the command.
+    """
 
     action: Action
+    reason: str
 
 
 Command: TypeAlias = Drive | Control | Perform | EndAction

@@ -434,19 +434,19 @@ class RobotCalls:
     async def _cancel_unknown(self, call: _Call) -> None:
         """Cancel an action that may go on until the robot answers, or another of its kind begins.
 
-        Whatever the answer is, nothing of this kind goes on then. Without a link, do nothing more:
-        after a reconnect, the reports of the robot tell what it executes.
+        Whatever the answer is, nothing of this kind goes on then.
         """
 
         def answered(answer: Answer) -> None:
             self._link.gate.wheel_owner.action_ended(call.name)
             self._link.changed()  # an order may wait for the end
 
-        while self._link.ready and self._calls.get(full_name(call.command), call) is call:
+        while self._calls.get(full_name(call.command), call) is call:
             try:
                 await self._link.command(call.request(action_pb2.kCancel), tap=answered)
             except LinkError as error:
                 _LOG.warning("the cancellation of %s was not answered: %s", call.name, error)
                 await asyncio.sleep(_ASK_EVERY)
+                await self._link.conditions.wait(lambda: self._link.ready)
             else:
                 return
