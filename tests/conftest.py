@@ -15,6 +15,7 @@ import pytest
 
 from tests.asynchronous import run_test
 
+gc.disable()  # during the collection, of which nothing is garbage
 _WARNINGS_ARE_ERRORS = ("tests/link/", "tests/motion/", "tests/robot/")
 """Folders of tests in which each warning is an error, e.g. about unclosed sockets."""
 _LEAVE_NO_TASKS = (*_WARNINGS_ARE_ERRORS, "tests/robustness/")
@@ -66,6 +67,7 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+    gc.enable()
 
 
 def _own_timeout(item: pytest.Item) -> float:

@@ -6,11 +6,7 @@ import asyncio
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
-
 from woosh_robot_agent.ros.actions.giving_up import Cancellation
-
-pytestmark = pytest.mark.asyncio
 
 
 class Chassis:

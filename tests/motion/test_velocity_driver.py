@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import logging
 import math
 import time
@@ -11,8 +12,6 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.link.link_peer import INFO, TIMEOUT, Frame, Wire, block, eventually, soon, turns
 from tests.motion.gate_checks import (
@@ -102,23 +101,24 @@ async def test_a_velocity_that_no_robot_reaches_is_refused(
     assert "linear is 3e+38" in refused
 
 
-@given(
-    st.tuples(*3 * [st.floats(width=32)]), st.floats(0, MAX_VELOCITY), st.floats(0, MAX_VELOCITY)
-)
-def test_each_velocity_is_within_the_limits_or_refused(
-    values: tuple[float, float, float], linear: float, angular: float
-) -> None:
-    velocity = Twist(linear=values[0], linear_y=values[1], angular=values[2])
-    limits = replace(LIMITS, max_linear=linear, max_angular=angular)
-    if not all(abs(value) <= MAX_VELOCITY for value in values):
-        with pytest.raises(UnusableVelocityError, match=r"^(linear|linear_y|angular) is "):
-            limits.apply(velocity)
-        return
-    limited = limits.apply(velocity)
-    assert math.hypot(limited.linear, limited.linear_y) <= linear * (1 + 1e-6) + 1e-40
-    assert abs(limited.angular) <= angular * (1 + 1e-6) + 1e-40
-    if math.hypot(*values[:2]) <= linear and abs(values[2]) <= angular:
-        assert limited == velocity
+SPEEDS = (0.0, 1e-45, -1e-3, 0.5, -0.7, MAX_VELOCITY, -MAX_VELOCITY, 3e38, -math.inf, math.nan)
+"""Components of velocities, some of which no robot reaches."""
+
+
+@pytest.mark.parametrize("linear", [0.0, 1e-3, 0.6, MAX_VELOCITY])
+def test_each_velocity_is_within_the_limits_or_refused(linear: float) -> None:
+    for x, y, turn, angular in itertools.product(SPEEDS, SPEEDS, SPEEDS, (0.0, 0.6, MAX_VELOCITY)):
+        velocity = Twist(linear=x, linear_y=y, angular=turn)
+        limits = replace(LIMITS, max_linear=linear, max_angular=angular)
+        if not all(abs(value) <= MAX_VELOCITY for value in (x, y, turn)):
+            with pytest.raises(UnusableVelocityError, match=r"^(linear|linear_y|angular) is "):
+                limits.apply(velocity)
+            continue
+        limited = limits.apply(velocity)
+        assert math.hypot(limited.linear, limited.linear_y) <= linear * (1 + 1e-6) + 1e-40
+        assert abs(limited.angular) <= angular * (1 + 1e-6) + 1e-40
+        if math.hypot(velocity.linear, velocity.linear_y) <= linear and abs(turn) <= angular:
+            assert limited == velocity
 
 
 async def test_a_velocity_that_the_limits_reduce_to_zero_stops_nothing_but_the_stream() -> None:

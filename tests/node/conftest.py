@@ -9,7 +9,18 @@ from typing import Any
 import pytest
 
 from tests.harness import Robot, RunningAgent, own_domain
+from woosh_robot_agent.ros.standard import diagnostics, states
+from woosh_robot_agent.ros.standard import map as map_part
 from woosh_robot_agent.simulator import SimulatorThread
+
+
+@pytest.fixture
+def frequent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The agent publishes and checks often what it does once or twice a second."""
+    monkeypatch.setattr(diagnostics, "_RATE", 20.0)
+    monkeypatch.setattr(map_part, "_CHECK_RATE", 20.0)
+    monkeypatch.setattr(states, "_BATTERY_RATE", 20.0)
+    monkeypatch.setattr(states, "_FOOTPRINT_RATE", 20.0)
 
 
 @pytest.fixture(scope="module")

@@ -22,6 +22,8 @@ from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D, Twist
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 
+pytestmark = pytest.mark.usefixtures("frequent")
+
 SCENE_DATA = "woosh.map.SceneData"
 FREE, UNKNOWN, OCCUPIED = 0, -1, 100
 SCENE_WIDTH = 7
@@ -162,7 +164,7 @@ def test_a_report_after_the_end_is_ignored(mapping, grids, client):
     mapping.report(2)
     mapping.enter(robot.kWarning)  # a report in this state would be shown
     wait_until(lambda: scene_maps(grids) == 2)
-    diagnostics(client).wait_count(2)  # what was published before has arrived
+    diagnostics(client).wait_count(5)  # what was published before has arrived
     assert not [each for each in grids.messages if each.info.width == 2]
 
 
@@ -213,7 +215,7 @@ class TestOnDemand:
                 mapping.grow(visitor.echo(OccupancyGrid, "map"), columns)
         requests = simulator.counts[SCENE_DATA]
         with visit(domain) as visitor:
-            diagnostics(visitor).wait_count(1)  # the former subscriber has gone
+            diagnostics(visitor).wait_count(20)  # for a second: the former subscriber has gone
         if without_link:
             mapping.state = robot.kIdle
             simulator.drop()

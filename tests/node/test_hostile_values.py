@@ -44,7 +44,6 @@ from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
-from woosh_robot_agent.ros.standard import diagnostics, states
 from woosh_robot_agent.ros.standard import map as map_part
 from woosh_robot_agent.ros.standard_endpoints import STANDARD
 
@@ -156,12 +155,9 @@ class Rig:
 
 @pytest.fixture
 def rig(
-    start_agent: Any, client: Client, monkeypatch: pytest.MonkeyPatch, logs: Logs
+    frequent: None, start_agent: Any, client: Client, monkeypatch: pytest.MonkeyPatch, logs: Logs
 ) -> Iterator[Rig]:
-    monkeypatch.setattr(diagnostics, "_RATE", 50.0)
-    monkeypatch.setattr(map_part, "_CHECK_RATE", 50.0)
     monkeypatch.setattr(map_part, "_RETRY_DELAY", 0.02)
-    monkeypatch.setattr(states, "_FOOTPRINT_RATE", 50.0)
     handler = logging.Handler()
     handler.emit = logs.add  # type: ignore[method-assign]
     logging.getLogger("asyncio").addHandler(handler)

@@ -18,6 +18,8 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.ros.standard import map as map_part
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 
+pytestmark = pytest.mark.usefixtures("frequent")
+
 SCENE = FOLDER / "real_scene"
 SCENE_DATA = "woosh.map.SceneData"
 StartAgent = Callable[..., RunningAgent]
@@ -69,7 +71,7 @@ def test_a_map_that_costs_the_link_is_not_requested_at_once_again(
     office.wait_received(SCENE_DATA)
     office.drop()
     agent.wait_connected(2)
-    time.sleep(1.5)  # maps are requested twice a second if nothing is against it
+    time.sleep(0.5)  # so long, ten checks would each request it
     assert office.counts[SCENE_DATA] == 1
 
 

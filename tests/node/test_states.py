@@ -35,6 +35,8 @@ from woosh_robot_agent.robot.maps import MapError, cells_of
 from woosh_robot_agent.simulator import Outgoing
 from woosh_robot_msgs.srv import RobotState as RobotStateSrv
 
+pytestmark = pytest.mark.usefixtures("frequent")
+
 SCENE_DATA = "woosh.map.SceneData"
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
@@ -122,7 +124,7 @@ class TestMap:
     def test_it_is_requested_on_demand_and_again_when_it_changes(
         self, simulator, scene, agent, client
     ):
-        diagnostics(client).wait_count(2)  # two seconds, enough for a request
+        diagnostics(client).wait_count(5)  # meanwhile, a request would have been due
         assert simulator.counts[SCENE_DATA] == 0
         grids = client.echo(OccupancyGrid, "map")
         grid = grids.wait_count(1)[0]

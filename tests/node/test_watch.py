@@ -20,6 +20,8 @@ from woosh_robot_agent.ros import second_agent
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import RobotInfo, Twist
 
+pytestmark = pytest.mark.usefixtures("frequent")
+
 WARN, ERROR = DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 

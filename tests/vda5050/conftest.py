@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 import shutil
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, closing
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +23,9 @@ from woosh_robot_agent.motion import MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
-from woosh_robot_agent.simulator import SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator import Outgoing, SimulatorConfig, SimulatorThread
+from woosh_robot_agent.simulator.serving.exchange import Release
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.messages.factsheet import Limits
 from woosh_robot_agent.vda5050.messages.versions import V2_1
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig
@@ -34,6 +36,8 @@ AT_ONCE = Limits(min_state_interval=0.0)
 """Every change is published."""
 EXEC = "woosh.robot.ExecTask"
 ORDER = "woosh.robot.ActionOrder"
+CHARGER = (-9.5, 0.5)
+"""A place in front of the charger C1."""
 LEG = [node("a", 0, *START), node("b", 2, 8.0, -7.5, theta=0.0)]
 """Nodes of an order of one leg."""
 
@@ -57,6 +61,34 @@ def scene_with_start(folder: Path, pose: str) -> Path:
     folder.mkdir()
     (folder / "scene.yaml").write_text(changed)
     return folder
+
+
+class Held:
+    """Frames of a chassis that are held back until `release`.
+
+    Args:
+        which: returns True for a frame that is held back.
+    """
+
+    def __init__(self, chassis: SimulatorThread, which: Callable[[Outgoing], bool]) -> None:
+        self._chassis = chassis
+        self._which = which
+        self._held: list[Release] = []
+        self._stop_holding = chassis.intercept(self._hold)
+
+    def _hold(self, out: Outgoing) -> list[Outgoing]:
+        if not self._which(out):
+            return [out]
+        return [replace(out, hold=lambda client, release: self._held.append(release))]
+
+    async def wait(self) -> None:
+        """Wait until a frame is held back."""
+        await eventually(lambda: self._held)
+
+    def release(self) -> None:
+        """Send the frames held back, and stop holding back."""
+        self._stop_holding()
+        self._chassis.call(lambda simulator: [each() for each in self._held])
 
 
 @pytest.fixture(autouse=True)
@@ -139,6 +171,15 @@ class Site:
         await eventually(lambda: self.chassis.state.pose.x > START[0] + 0.2)
         set_speed(self.chassis, then)
         await master.accepted()
+
+    def lower_battery(self) -> None:
+        """Let the robot charge for some time when it is at a charger."""
+        self.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+
+    def stand_at_charger(self) -> None:
+        """Put the robot, which has to charge, in front of the charger C1."""
+        self.lower_battery()
+        self.chassis.call(lambda simulator: simulator.chassis.localise(Pose(*CHARGER, 0.0)))
 
     async def idle(self) -> None:
         """Wait until the robot has no task."""

@@ -18,14 +18,14 @@ from tests.fact_files import FOLDER
 from tests.quick_chassis import edit_bodies, quick_config
 from tests.vda5050.broker import Mosquitto, Recorder
 from tests.vda5050.chassis_events import received, statuses
-from tests.vda5050.conftest import AT_ONCE, Site
+from tests.vda5050.conftest import AT_ONCE, Held, Site
 from tests.vda5050.master import START, Message, action, error_types, node, result_of, status_of
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, SceneData, SceneList, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050.actions.map_actions import fetch, unpack
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError
 
@@ -207,23 +207,15 @@ async def test_a_position_is_kept_if_the_robot_refuses_to_send_its_pose(site: Si
 
 
 async def test_an_order_goes_on_when_the_robot_has_reported_its_pose_on_the_map(site: Site) -> None:
-    late: list[Release] = []
-
-    def hold_pose(out: Outgoing) -> list[Outgoing]:
-        if out.type == full_name(PoseSpeed):
-            return [replace(out, hold=lambda client, release: late.append(release))]
-        return [out]
-
     async with site.online() as master, site.other_client() as gate:
         master.order([node("a", 0, *START), node("b", 2, START[0] + 1, START[1], map_id="scenex")])
         await master.error("drivingError")
-        release_all = site.chassis.intercept(hold_pose)
+        held = Held(site.chassis, lambda out: out.type == full_name(PoseSpeed))
         answer = await gate.request(SwitchMap(scene_name="scenex", map_name="scenex"))
         assert answer.ok
         await master.wait_state(lambda state: maps(state)["scenex"][1] == "ENABLED")
-        await eventually(lambda: late)
-        release_all()
-        site.chassis.call(lambda simulator: [release() for release in late])
+        await held.wait()
+        held.release()
         await master.reached("b")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ import pytest
 from tests.asynchronous import eventually
 from tests.quick_chassis import set_speed
 from tests.vda5050.chassis_events import commands, statuses
-from tests.vda5050.conftest import AT_ONCE, ORDER, Site, left_by_a_kill
+from tests.vda5050.conftest import AT_ONCE, ORDER, Held, Site, left_by_a_kill
 from tests.vda5050.master import (
     START,
     Master,
@@ -31,7 +30,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, Feedbacks
 from woosh_robot_agent.pb.util import action_pb2
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.vda5050.robot.link import Timing
 
 
@@ -118,18 +117,11 @@ async def test_stop_pause_also_ends_a_pause_from_elsewhere(site: Site) -> None:
 async def test_the_end_of_an_action_does_not_resume_a_drive_that_people_have_stopped(
     site: Site, by: str, when: str
 ) -> None:
-    held: list[Release] = []
-
-    def hold_speech(out: Outgoing) -> list[Outgoing]:
-        if out.request == full_name(Speak):
-            return [replace(out, hold=lambda client, release: held.append(release))]
-        return [out]
-
     async def begin_to_speak() -> None:
         master.instant(action("speak", "words", text="caution"))
-        await eventually(lambda: held)
+        await held.wait()
 
-    site.chassis.intercept(hold_speech)
+    held = Held(site.chassis, lambda out: out.request == full_name(Speak))
     async with site.online() as master:
         await site.drive(master)
         if when == "during":
@@ -144,7 +136,7 @@ async def test_the_end_of_an_action_does_not_resume_a_drive_that_people_have_sto
             await master.wait_state(lambda state: state["safetyState"]["eStop"] == "NONE")
         if when == "before":
             await begin_to_speak()
-        site.chassis.call(lambda simulator: held[0]())
+        held.release()
         await master.status("words", "FINISHED")
         await master.wait_state(lambda state: state["paused"])
         master.instant(action("stateRequest", "r"))
@@ -356,24 +348,16 @@ async def test_a_pause_that_the_robot_refuses_before_it_lifts_is_sent_when_it_li
     site: Site,
 ) -> None:
     """The robot has accepted the action, but not reported it yet."""
-    held: list[Release] = []
-
-    def hold_report(out: Outgoing) -> list[Outgoing]:
-        if not isinstance(out.body, Feedbacks) or out.is_answer:
-            return [out]
-        return [replace(out, hold=lambda client, release: held.append(release))]
-
     async with site.online(timing=Timing(repeat_after=60)) as master:
-        stop_holding = site.chassis.intercept(hold_report)
+        held = Held(site.chassis, lambda out: isinstance(out.body, Feedbacks) and not out.is_answer)
         master.instant(action("liftTo", "lift", height=0.3, speed=0.001))
         await master.status("lift", "RUNNING")
-        await eventually(lambda: held)
+        await held.wait()
         site.chassis.refuse(full_name(CallAction), "Request failed")
         master.instant(action("startPause", "p"))
         await eventually(lambda: site.chassis.counts[full_name(CallAction)] == 2)
         site.chassis.clear_faults()
-        stop_holding()
-        site.chassis.call(lambda simulator: held[0]())
+        held.release()
         await master.status("p", "FINISHED")
     assert commands(site.chassis) == [
         f"lift_control3 {each}" for each in ("execute", "pause", "pause")

@@ -12,7 +12,7 @@ import pytest
 from tests.asynchronous import eventually
 from tests.quick_chassis import edit_bodies, set_speed
 from tests.vda5050.chassis_events import commands, received, statuses
-from tests.vda5050.conftest import AT_ONCE, Site, task_to
+from tests.vda5050.conftest import AT_ONCE, Held, Site, task_to
 from tests.vda5050.master import START, action, error_types, node, references, result_of, status_of
 from tests.vda5050.test_orders_instant import SCOPES
 from woosh_robot_agent.link.protos import full_name
@@ -23,13 +23,13 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis
-from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release
+from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.robot import calls
 
 
 async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> None:
-    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.lower_battery()
     async with site.online(limits=AT_ONCE) as master:
         charge = action("startCharging", "charge")
         nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
@@ -67,7 +67,7 @@ async def test_charging_ends_although_the_robot_has_just_confirmed_it(lifelike: 
             simulator.speed = 0.05  # the task ends after 20 s
         return [out]
 
-    chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    lifelike.lower_battery()
     chassis.intercept(wait_after_confirmation)
     async with lifelike.online() as master:
         charge = action("startCharging", "charge")
@@ -101,11 +101,16 @@ async def test_the_next_drive_begins_when_the_robot_has_left_its_task(
     chassis.intercept(record)
     async with lifelike.online() as master, lifelike.other_client() as other:
         if is_foreign:
+            set_speed(chassis, 1.0)
             await other.request(task_to(x + 0.5, y))
             await eventually(lambda: chassis.state.pose.x > x + 0.1)
+            set_speed(
+                chassis, 0.1
+            )  # so that the order comes before the end, on a busy machine, too
             near = node("b", 0, x + 0.5, y, allowedDeviationXY=2.0)
             master.order([near, node("c", 2, x + 1.0, y)])
             await master.error("robotBusyError")
+            set_speed(chassis, 20.0)
         else:
             stop = node("b", 2, x + 0.5, y, theta=0.0, allowedDeviationTheta=0.1)
             master.order([node("a", 0, x, y), stop, node("c", 4, x + 1.0, y)])
@@ -122,7 +127,7 @@ async def test_a_robot_that_was_taken_from_its_charger_without_a_link_does_not_g
         simulator.chassis.tasks.cancel("a button")
         simulator.chassis.localise(Pose(*START, 0.0))
 
-    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.lower_battery()
     async with site.online() as master:
         charge = action("startCharging", "charge")
         nodes = [node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])]
@@ -137,8 +142,7 @@ async def test_a_robot_that_was_taken_from_its_charger_without_a_link_does_not_g
 
 
 async def test_an_order_ends_the_charging_task_after_a_lost_link(site: Site) -> None:
-    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    site.stand_at_charger()
     async with site.online() as master:
         master.instant(action("startCharging", "charge"))
         await master.status("charge", "FINISHED")
@@ -156,21 +160,14 @@ async def test_an_order_ends_the_charging_task_after_a_lost_link(site: Site) -> 
 async def test_a_pause_while_the_robot_is_asked_for_its_chargers_holds_back_the_task(
     site: Site,
 ) -> None:
-    held: list[Release] = []
-
-    def hold_chargers(out: Outgoing) -> list[Outgoing]:
-        if out.request == full_name(Storages):
-            return [replace(out, hold=lambda client, release: held.append(release))]
-        return [out]
-
-    site.chassis.intercept(hold_chargers)
+    held = Held(site.chassis, lambda out: out.request == full_name(Storages))
     async with site.online(limits=AT_ONCE) as master:
         charge = action("startCharging", "charge")
         master.order([node("a", 0, *START), node("b", 2, -9.5, 0.5, actions=[charge])])
-        await eventually(lambda: held)
+        await held.wait()
         master.instant(action("startPause", "p"))
         await master.status("p", "FINISHED")
-        site.chassis.call(lambda simulator: held[0]())
+        held.release()
         master.instant(action("stateRequest", "r"))
         await master.status("r", "FINISHED")
         assert commands(site.chassis) == ["drive"]
@@ -180,8 +177,7 @@ async def test_a_pause_while_the_robot_is_asked_for_its_chargers_holds_back_the_
 
 
 async def test_an_order_goes_on_if_its_charging_is_stopped_before_it_charges(site: Site) -> None:
-    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    site.stand_at_charger()
     set_speed(site.chassis, 0.5)
     async with site.online() as master:
         charge = action("startCharging", "charge", blocking="SOFT")
@@ -257,8 +253,7 @@ async def test_pick_and_drop_at_a_mark_are_tasks_that_wait_for_each_other(site: 
 
 
 async def test_two_actions_that_look_for_a_charger_at_once_begin_one_task(site: Site) -> None:
-    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
-    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(-9.5, 0.5, 0.0)))
+    site.stand_at_charger()
     async with site.online() as master:
         names = ("first", "second")
         master.instant(*(action("startCharging", each, blocking="SOFT") for each in names))

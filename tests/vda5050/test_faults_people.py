@@ -11,7 +11,7 @@ import pytest
 from tests.asynchronous import TIMEOUT, eventually
 from tests.quick_chassis import set_speed
 from tests.vda5050.chassis_events import commands
-from tests.vda5050.conftest import EXEC, LEG, ORDER, Site, task_to
+from tests.vda5050.conftest import CHARGER, EXEC, LEG, ORDER, Site, task_to
 from tests.vda5050.master import (
     START,
     Master,
@@ -103,9 +103,7 @@ async def test_an_order_does_not_go_on_when_somebody_stops_an_action(
     site: Site, kind: str, instant: bool
 ) -> None:
     """Nor does an action begin that waits for the end of the first one."""
-    x, y = -9.5, 0.5
-    site.chassis.call(lambda simulator: simulator.chassis.localise(Pose(x, y, 0.0)))
-    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.stand_at_charger()
     set_speed(site.chassis, 0.5)
     parameters = {"distance": 1.0, "speed": 0.02} if kind == "step" else {}
     work = [action(kind, each, blocking="SOFT", **parameters) for each in ("one", "two")]
@@ -113,7 +111,7 @@ async def test_an_order_does_not_go_on_when_somebody_stops_an_action(
         if instant:
             master.instant(work.pop(0))
             await master.status("one", "RUNNING")
-        master.order([node("a", 0, x, y, actions=work), node("b", 2, -8.0, y)])
+        master.order([node("a", 0, *CHARGER, actions=work), node("b", 2, -8.0, CHARGER[1])])
         await master.wait_state(lambda state: status_of(state, "two") and state["driving"])
         assert (await gate.stop(TIMEOUT)).success
         state = await master.error("interruptedError")

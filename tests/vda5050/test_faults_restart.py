@@ -426,7 +426,7 @@ async def test_an_action_that_has_ended_before_the_restart_is_not_cancelled(
 async def test_a_charge_that_a_kill_interrupts_while_the_robot_docks_is_not_paused_later(
     site: Site, tmp_path: Path
 ) -> None:
-    site.chassis.call(lambda simulator: setattr(simulator.chassis.battery, "level", 50.0))
+    site.lower_battery()
     charge = action("startCharging", "charge")
     async with Master(site.broker.port) as master:
         async with site.vehicle(state_folder=tmp_path / "state"):

@@ -9,6 +9,7 @@ import hashlib
 import logging
 import os
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from tests.vda5050.broker import Mosquitto, free_port, mosquitto_path
 from tests.vda5050.certificates import Authority, openssl_path
 from tests.vda5050.conftest import Site
 from tests.vda5050.master import Master
+from woosh_robot_agent.vda5050 import mqtt
 from woosh_robot_agent.vda5050.mqtt import BrokerConfig, add_broker_options, broker_config
 
 SERIAL = "30001"
@@ -173,8 +175,13 @@ def no_client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig
 
 
 async def test_without_the_right_certificates_there_is_no_connection(
-    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    site: Site,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    # the broker does not answer a client without a certificate
+    monkeypatch.setattr(mqtt, "_Client", partial(mqtt._Client, timeout=2.0))
     refused: list[tuple[Login, tuple[str, ...]]] = [
         (certificate_of_another_authority, UNTRUSTED),
         (certificate_of_another_name, UNTRUSTED),

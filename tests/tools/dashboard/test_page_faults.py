@@ -233,13 +233,13 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways_or_may_drive_on(
     browser.press("#stop")
     both = "[store.unanswered.value.size, store.fleet.value[0].alarm !== '']"
     eventually(lambda: browser.script(both) == [1, True], "both alarms")
-    time.sleep(3.0)
+    time.sleep(2.0)  # longer than a robot has to stand still
     assert robot.state.velocity.left > 0.1
     assert browser.script(both) == [1, True]
     set_speed(robot, 20.0)
     robot.push(TaskProc(robot_task_id=7, state=kActionWait))
     eventually(lambda: robot.state.velocity.left == 0.0, "the end of the step")
-    time.sleep(3.0)
+    time.sleep(2.0)
     assert browser.script(both) == [1, True], "a task waits, and will drive on"
     lift = Feedback(action=full_name(LiftControl), state=kRosExecuting)
     robot.push(Feedbacks(fbs=[lift]))
@@ -247,7 +247,7 @@ def test_an_alarm_is_not_ended_while_the_robot_moves_sideways_or_may_drive_on(
     eventually(lambda: browser.script(action) == "executing", "the action")
     robot.drop()
     eventually(lambda: browser.script(action) == "unknown", "the new link, without the task")
-    time.sleep(3.0)
+    time.sleep(2.0)
     assert browser.script(both) == [1, True], "the lift may still move"
     lift.state = kRosSuccess
     robot.push(Feedbacks(fbs=[lift]))

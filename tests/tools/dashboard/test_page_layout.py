@@ -31,15 +31,18 @@ _SECOND = {"robot_id": 30002}
 
 _OBSERVE = """
 globalThis.boxes = {"#stop": new Set(), "#stick": new Set()};
-(function look() {
+const look = () => {
   for (const [selector, seen] of Object.entries(boxes)) {
     const box = document.querySelector(selector)?.getBoundingClientRect();
     if (box?.width) seen.add([box.x, box.y, box.width, box.height].join(" "));
   }
-  requestAnimationFrame(look);
-})();
+  if (document.getAnimations().length) requestAnimationFrame(look);
+};
+new MutationObserver(() => setTimeout(look)).observe(document.documentElement,
+  {subtree: true, childList: true, attributes: true, characterData: true});
+look();
 """
-"""Collects the boxes of the stick and STOP in all frames."""
+"""Collects the boxes of the stick and STOP in all frames in which something changes."""
 _PLACES = """["#stop", "#stick"].map((selector) =>
   JSON.stringify(document.querySelector(selector).getBoundingClientRect()))"""
 _COVERED = """["#stop", "#stick", ".line"].flatMap((selector) => {
