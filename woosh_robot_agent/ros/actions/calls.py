@@ -22,7 +22,6 @@ from woosh_robot_agent.ros.actions.goal import (
     Outcome,
     PollResult,
     Report,
-    Start,
 )
 from woosh_robot_agent.ros.actions.run import GoalContext
 
@@ -90,13 +89,13 @@ class CallActionGoal:
             previous=previous,
         )
 
-    def request(self) -> Start | Order:
+    def request(self) -> Message | Order:
         self._command = self._read_command()
         if "action" not in self._command.DESCRIPTOR.fields_by_name:
             # a setting, such as NavigationMode: the chassis only answers
             return Order(self._call_action(), self._success)
         if self._command.action == action_pb2.kExecute:
-            return Start(self._call_action())
+            return self._call_action()
         self._is_cancel = self._command.action == action_pb2.kCancel
         needs_report = self._is_cancel and not self._may_be_active
         return Order(self._call_action(), self._success, needs_cancel_report=needs_report)

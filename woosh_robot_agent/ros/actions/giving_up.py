@@ -211,14 +211,6 @@ class GiveUp:
             self._set_deadline(f"the chassis does not answer ({error})")
             self._is_silent = True
 
-    def poll_unanswered(self, error: object) -> str | None:
-        """Count a poll that timed out although other frames arrived.
-
-        Returns:
-            The reason to give up; None if there is none.
-        """
-        return self._count_fruitless(str(error))
-
     def poll_answered(self, has_report: bool) -> str | None:
         """Count an answered poll. Call it after handling the reports in the answer.
 
@@ -231,7 +223,7 @@ class GiveUp:
         self._end_silence()
         self._unknown_polls = 0
         if not has_report:
-            return self._count_fruitless("its answers do not mention it")
+            return self.poll_fruitless("its answers do not mention it")
         if self._deadline is None:
             self._fruitless_polls = 0  # an answer suffices: reports are rare during long steps
         return None
@@ -260,16 +252,14 @@ class GiveUp:
             return None
         return reason
 
-    def _end_silence(self) -> None:
-        """Clear the deadline if it was set because the chassis sent nothing at all."""
-        if self._is_silent:
-            self._is_silent = False
-            self._deadline = None
+    def poll_fruitless(self, reason: str) -> str | None:
+        """Count a fruitless poll, e.g. one that timed out although other frames arrived.
 
-    def _count_fruitless(self, reason: str) -> str | None:
-        """Count a fruitless poll, unless a deadline is set; return the reason to give up, or None.
+        Args:
+            reason: why the poll was fruitless.
 
-        `reason` says why the poll was fruitless.
+        Returns:
+            The reason to give up; None if there is none.
         """
         if self._deadline is not None:
             return None
@@ -287,6 +277,12 @@ class GiveUp:
             f"the chassis accepted the goal, but {self._fruitless_polls} polls in a row brought no "
             f"report on it ({reason}); the robot may still be executing it: {_CHECK}"
         )
+
+    def _end_silence(self) -> None:
+        """Clear the deadline if it was set because the chassis sent nothing at all."""
+        if self._is_silent:
+            self._is_silent = False
+            self._deadline = None
 
     def _set_deadline(self, cause: str) -> None:
         self._is_silent = False

@@ -305,13 +305,6 @@ class PollResult:
 
 
 @dataclass(frozen=True)
-class Start:
-    """A request that starts the goal."""
-
-    message: Message
-
-
-@dataclass(frozen=True)
 class Order:
     """A request whose answer ends the goal: an order such as a pause, or a setting."""
 
@@ -341,8 +334,8 @@ class GoalKind(Protocol):
     def attribution(self) -> Attribution:
         """Decides which reports with the name of this goal belong to it."""
 
-    def request(self) -> Start | Order:
-        """Return the request that carries out the goal.
+    def request(self) -> Message | Order:
+        """Return the request that starts the goal, or an order if the goal is one.
 
         Raises:
             BadFieldError: a value must not be sent to the robot.
@@ -399,13 +392,6 @@ class StartAnswered:
 
 
 @dataclass(frozen=True)
-class Polled:
-    """The chassis answered a poll."""
-
-    result: PollResult
-
-
-@dataclass(frozen=True)
 class PollFailed:
     """A poll got no answer."""
 
@@ -420,13 +406,8 @@ class CancelRequested:
 
 
 @dataclass(frozen=True)
-class Replaced:
-    """The chassis accepted a newer goal, which displaces this one."""
-
-
-@dataclass(frozen=True)
 class GivenUp:
-    """The agent does not follow the goal any more."""
+    """The agent does not follow the goal any more, e.g. because a newer goal has replaced it."""
 
     reason: str
 
@@ -440,10 +421,9 @@ Event = (
     Pushed
     | LinkChanged
     | StartAnswered
-    | Polled
+    | PollResult
     | PollFailed
     | CancelRequested
-    | Replaced
     | GivenUp
     | Tick
 )

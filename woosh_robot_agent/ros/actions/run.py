@@ -40,12 +40,10 @@ from woosh_robot_agent.ros.actions.goal import (
     Order,
     Outcome,
     Phase,
-    Polled,
     PollFailed,
+    PollResult,
     Pushed,
-    Replaced,
     Report,
-    Start,
     StartAnswered,
     Step,
     Tick,
@@ -227,11 +225,10 @@ class GoalRun:
     async def _send(self) -> End:
         """Send the goal and return its end. A refusal is an end, too, with its explanation."""
         try:
-            match self._kind.request():
-                case Start(message):
-                    return await self._follow(message)
-                case Order() as order:
-                    return await self._send_order(order)
+            request = self._kind.request()
+            if isinstance(request, Order):
+                return await self._send_order(request)
+            return await self._follow(request)
         except _RefusedError as error:
             # now, because older goals wait for this, and the explanation takes a while
             self._advance(Step.END)
@@ -293,7 +290,7 @@ class GoalRun:
                 timer.cancel()
             end = self._handle(event)
             if end is not None:
-                if isinstance(event, Polled):
+                if isinstance(event, PollResult):
                     self._kind.note_polled_end(end)
                 return await self._end_for_client(end)
 
@@ -314,7 +311,7 @@ class GoalRun:
                 return self._pushed(message)
             case StartAnswered(answer):
                 return self._start_answered(answer)
-            case Polled():
+            case PollResult():
                 return self._polled(event)
             case PollFailed():
                 return self._poll_failed(event)
@@ -325,8 +322,6 @@ class GoalRun:
                 # otherwise the cancel is sent with the acceptance, or the next report on the goal
                 if self.phase.accepted and not self._is_displaced:
                     self._cancellation.send_soon()
-            case Replaced():
-                return self._aborted(REPLACED)
             case GivenUp(reason):
                 return self._aborted(reason)
             case Tick():
@@ -466,9 +461,9 @@ class GoalRun:
             period *= self._timing.unknown_state_poll_factor
         self._next_poll = self._clock() + period
 
-    def _polled(self, polled: Polled) -> End | None:
+    def _polled(self, result: PollResult) -> End | None:
         """Handle the answer to a poll; return the end that it reports, or that of giving up."""
-        for report in polled.result.reports:
+        for report in result.reports:
             if report.message == self._last_report:
                 if report.outcome is not None:
                     # the last task of a set: its push told only the end of the task, but the poll
@@ -479,13 +474,13 @@ class GoalRun:
                 end = self._take_reports([report])
                 if end is not None:
                     return end
-        if not polled.result.reports and (end := self._possible_cancel_as_end()):
+        if not result.reports and (end := self._possible_cancel_as_end()):
             return end
-        why_unknown = polled.result.unknown
+        why_unknown = result.unknown
         # the answer does not tell, but a push has shown that the chassis does not execute this goal
         if why_unknown is None and self._is_displaced:
             why_unknown = _DISPLACED
-        elif why_unknown is None and self._give_up.is_cancel_refused and not polled.result.reports:
+        elif why_unknown is None and self._give_up.is_cancel_refused and not result.reports:
             why_unknown = _CANCEL_REFUSED
         has_report = self._attribution.has_report
         # until the goal is accepted, its start request may still be on its way
@@ -505,7 +500,7 @@ class GoalRun:
             self._give_up.chassis_silent(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):
             end = self._possible_cancel_as_end()
-            return end or self._aborted_if(self._give_up.poll_unanswered(failed.error))
+            return end or self._aborted_if(self._give_up.poll_fruitless(str(failed.error)))
         return None
 
     def _possible_cancel_as_end(self) -> End | None:
@@ -536,7 +531,7 @@ class GoalRun:
         stats = self._context.chassis.stats
         received = stats.rx
         try:
-            await self._kind.poll(lambda result: self.post(Polled(result)))
+            await self._kind.poll(self.post)
         except LinkError as error:
             _LOG.debug("cannot poll the chassis for the state of %s: %s", self.name, error)
             timed_out = isinstance(error, RequestTimeoutError)
@@ -566,7 +561,7 @@ class OpenGoals(list[GoalRun]):
     def replace_older(self, goal: GoalRun) -> None:
         """Tell all older goals that the chassis accepted `goal` in their place."""
         for older in self[: self.index(goal)]:
-            older.post(Replaced())
+            older.post(GivenUp(REPLACED))
 
     async def newer_accepted(self, goal: GoalRun) -> bool:
         """Return True if the chassis accepts a newer goal; wait until it has decided.

@@ -27,7 +27,6 @@ from woosh_robot_agent.ros.actions.goal import (
     Outcome,
     PollResult,
     Report,
-    Start,
 )
 from woosh_robot_agent.ros.actions.run import GoalContext
 
@@ -126,8 +125,8 @@ class TaskSetGoal:
         # reports may be on an earlier run of the set: of a goal, or started by another program
         self.attribution = Attribution(max(predecessors, int(self._is_executing(last))))
 
-    def request(self) -> Start:
-        return Start(self._context.to_proto(self._arg))
+    def request(self) -> Message:
+        return self._context.to_proto(self._arg)
 
     def cancel_request(self) -> Message:
         return ActionOrder(order=action_pb2.kCancel)
@@ -257,10 +256,10 @@ class TaskGoal:
         may_be_reported = predecessors > 0 or is_current
         self.attribution = Attribution(predecessors, tuple(Outcome) if may_be_reported else ())
 
-    def request(self) -> Start:
+    def request(self) -> Message:
         request: Any = self._context.to_proto(self._arg)
         request.task_id = self._id
-        return Start(request)
+        return request  # type: ignore[no-any-return]
 
     def cancel_request(self) -> Message:
         return ActionOrder(order=action_pb2.kCancel)
