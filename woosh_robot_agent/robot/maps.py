@@ -121,52 +121,24 @@ def check_resolution_and_origin(resolution: float, *origin: float) -> None:
         raise MapError(_ORIGIN(values=", ".join(f"{each:g}" for each in origin)))
 
 
-def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
-    """Return the YAML file and the PNG of a map for nav2's map_server, by name.
+def map_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
+    """Return the YAML file and the PNG of an image of a map for nav2's map_server, by name.
 
-    Loaded by map_server, the map equals the agent's topic `map`.
-
-    Args:
-        area: the map.
-        stem: name of the files without suffix.
-
-    Raises:
-        MapError: the robot has not sent a usable map.
-    """
-    if not area.map_png:
-        raise MapError(_NONE_SENT())
-    return _server_files(area, area.map_png, stem)
-
-
-def keepout_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
-    """Return the YAML file and the PNG of the mask for nav2's KeepoutFilter; {} without a mask.
-
-    Loaded by map_server, the mask equals the agent's topic `keepout_mask`.
+    Loaded by map_server, the image equals the agent's topic `map` or `keepout_mask`.
 
     Args:
         area: the map.
+        image: its field `map_png` or `keepout_png`, as the robot sent it.
         stem: name of the files without suffix.
 
     Raises:
-        MapError: the robot has not sent a usable mask.
-    """
-    return _server_files(area, area.keepout_png, stem) if area.keepout_png else {}
-
-
-def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
-    """Return the YAML file and the PNG of an image that belongs to a map, by name.
-
-    Args:
-        area: the map.
-        image: the image, as the robot sent it.
-        stem: name of the files without suffix.
-
-    Raises:
-        MapError: the image, the resolution or the origin cannot be used.
+        MapError: the image, the resolution or the origin is missing, or cannot be used.
     """
     import numpy
     import yaml
 
+    if not image:
+        raise MapError(_NONE_SENT())
     png, origin = grey_png(image), area.origin
     check_resolution_and_origin(area.resolution, origin.x, origin.y, origin.theta)
     numbers = (area.resolution, origin.x, origin.y, origin.theta)
