@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Container, Coroutine
+from collections.abc import Coroutine
 from typing import Any
 
 from google.protobuf.message import Message
@@ -98,17 +98,10 @@ class RefusalLog:
     Args:
         gate: sender of the commands.
         explainer: finds the reasons.
-        silent: sources whose refusals are not logged here, because they log them themselves.
     """
 
-    def __init__(
-        self,
-        gate: MotionGate,
-        explainer: RefusalExplainer,
-        silent: Container[str] = (),
-    ) -> None:
+    def __init__(self, gate: MotionGate, explainer: RefusalExplainer) -> None:
         self._explainer = explainer
-        self._silent = silent
         self._logs: dict[str, LogOnce] = {}
         """Logs of the commands whose last answer was a refusal, by name."""
         self._pending: dict[tuple[str, str], asyncio.Task[None]] = {}
@@ -123,7 +116,7 @@ class RefusalLog:
         if command.answer.ok:
             self._logs.pop(name, None)
             return
-        if name not in self._silent and (name, msg) not in self._pending:
+        if name != GOAL_CANCEL and (name, msg) not in self._pending:
             # taken now: a success before the task runs removes it from `_logs`
             log = self._logs.setdefault(name, LogOnce(_LOG))
             reasons = self._explainer.reasons(type_of(command.message))

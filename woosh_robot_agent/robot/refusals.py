@@ -73,15 +73,7 @@ class RefusalExplainer:
         chassis.subscribe_raw(StatusCode, self._pushed)
 
     async def reason(self, request_type: str) -> str:
-        """Return why the chassis has just refused a request; empty if that is not known.
-
-        Call it within `CODE_DELAY` after the answer. It returns at the end of this time, or as
-        soon as the status code has come.
-
-        Args:
-            request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
-                action the full name of its command, e.g. `woosh.ros.action.StepControl`.
-        """
+        """Return the reasons without their remedies as one text, empty if no reason is known."""
         return joined(THEN, (each.said for each in await self.reasons(request_type)))
 
     async def reasons(self, request_type: str) -> list[Objection]:
@@ -91,7 +83,8 @@ class RefusalExplainer:
         end of this time, or as soon as the status code has come.
 
         Args:
-            request_type: protobuf full name of the request, or of the command of an action.
+            request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
+                action the full name of its command, e.g. `woosh.ros.action.StepControl`.
         """
         try:
             refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type))
@@ -227,7 +220,8 @@ def _objections_among(info: RobotInfo, *possible: Objection) -> list[Objection]:
     return [each for each in objections(info) if each in possible]
 
 
-_TASKS = tuple(map(full_name, TASK_REQUESTS))
+TASK_TYPES = tuple(map(full_name, TASK_REQUESTS))
+"""Protobuf full names of the requests that start a task."""
 _LIFTS = tuple(
     f"woosh.ros.action.{name}" for name in ("LiftControl", "LiftControl2", "LiftControl3")
 )
@@ -237,7 +231,7 @@ _MOVE = "woosh.ros.action.MoveBase"
 
 _STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProxyType(
     {
-        **dict.fromkeys((*_TASKS, *_LIFTS, _STEP, _CHARGE, _MOVE), _for_task),
+        **dict.fromkeys((*TASK_TYPES, *_LIFTS, _STEP, _CHARGE, _MOVE), _for_task),
         "woosh.robot.Follow": _for_task,
         "woosh.robot.Twist": _for_velocity,
         "woosh.robot.ActionOrder": _for_order,
@@ -260,7 +254,7 @@ _NOT_AUTOMATIC = "14080100008"
 _CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         **dict.fromkeys(
-            _TASKS,
+            TASK_TYPES,
             # the second one stands for the ten codes 14080100010 to 14080100019
             (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026"),
         ),

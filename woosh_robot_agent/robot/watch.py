@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.motion import MotionGate
-from woosh_robot_agent.robot.code_log import GOAL_CANCEL, CodeLog, RefusalLog
+from woosh_robot_agent.robot.code_log import CodeLog, RefusalLog
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import RefusalExplainer
 from woosh_robot_agent.robot.standstill import Standstill
@@ -38,8 +38,7 @@ class Watch:
         goals: Callable[[], Sequence[str]],
     ) -> None:
         CodeLog(chassis)  # the subscriptions of the link keep it alive
-        # the gate keeps it alive; goals log the refusals of their cancel requests themselves
-        RefusalLog(gate, explainer, silent=(GOAL_CANCEL,))
+        RefusalLog(gate, explainer)  # the gate keeps it alive
         self.velocities = VelocitySources(gate)
         self.standstill = Standstill(chassis, gate, last_known)
         self.who_drives = WhoDrives(chassis, gate, last_known, self.velocities, goals)
