@@ -34,44 +34,30 @@ _CORRECTION = 0.7
 lasts."""
 
 
-class ReportTime:
-    """Estimates when the pose in each report was measured, without the jitter of the network.
+def report_time(received: float, last: float, arc: Arc, before: Velocity, after: Velocity) -> float:
+    """Return when the pose in a report was measured, without the jitter of the network.
 
     If the time of receipt were used for a delayed report, the pose would fall behind, and would
     have to catch up with the next report. The movement between two reports, divided by the
     reported speeds, gives the time between them. A report that comes later was delayed.
+
+    Args:
+        received: time of receipt, in seconds. The result is never after it.
+        last: the result for the previous report.
+        arc: movement since the previous report.
+        before: velocity in the previous report.
+        after: velocity in this report.
     """
-
-    def __init__(self) -> None:
-        self._last = -math.inf
-        """Estimated time of the previous report."""
-
-    def first(self, received: float) -> float:
-        """Return the time of receipt as that of a report without a comparable previous one."""
-        self._last = received
-        return received
-
-    def next(self, received: float, arc: Arc, before: Velocity, after: Velocity) -> float:
-        """Return the time of a report's pose, which is never after the receipt.
-
-        Args:
-            received: time of receipt, in seconds.
-            arc: movement since the previous report.
-            before: velocity in the previous report.
-            after: velocity in this report.
-        """
-        time = received
-        forward = (before.forward + after.forward) / 2
-        edge = (before.turn + after.turn) / 2 * LEVER  # speed of a point beside the robot
-        square = forward * forward + edge * edge
-        if before.moving and square > _MIN_SPEED * _MIN_SPEED:
-            # the duration that fits both movements best, by least squares
-            duration = (forward * arc.forward + edge * arc.turn * LEVER) / square
-            delay = received - self._last - _TOLERANCE * max(duration, 0.0)
-            if 0.0 < delay < _MAX_REPORT_DELAY:
-                time -= _CORRECTION * delay
-        self._last = time
-        return time
+    forward = (before.forward + after.forward) / 2
+    edge = (before.turn + after.turn) / 2 * LEVER  # speed of a point beside the robot
+    square = forward * forward + edge * edge
+    if before.moving and square > _MIN_SPEED * _MIN_SPEED:
+        # the duration that fits both movements best, by least squares
+        duration = (forward * arc.forward + edge * arc.turn * LEVER) / square
+        delay = received - last - _TOLERANCE * max(duration, 0.0)
+        if 0.0 < delay < _MAX_REPORT_DELAY:
+            return received - _CORRECTION * delay
+    return received
 
 
 HORIZON = 0.3
@@ -312,7 +298,6 @@ class Odometry:
         self.time = -math.inf
         self._reported = Pose2D()
         """Last reported pose, in `map`."""
-        self._report_time = ReportTime()
         self._received = -math.inf
         """Time of receipt of the last report."""
         self._sideways = 0.0
@@ -367,18 +352,18 @@ class Odometry:
         after = Velocity(forward, 0.0, turn)
         sideways = 0.0
         if not self._is_comparable:  # there is no last report: the pose in odom stays
-            self.time = self._report_time.first(received)
+            self.time = received
             self.map_to_odom = reported * self.pose.inverse
         elif map_id != self._map_id or self._jumped(moved, arc, after, interval, received):
             # the robot has driven on at the reported speeds; the rest of the movement is a jump
-            self.time = self._report_time.first(received)
+            self.time = received
             mean_forward, mean_turn = (before.forward + forward) / 2, (before.turn + turn) / 2
             self.pose *= Pose2D.from_arc(mean_forward * interval, 0.0, mean_turn * interval)
             self.map_to_odom = reported * self.pose.inverse
             self._pose_set_until = -math.inf  # one jump is expected, and has come
         else:
             last = self.time
-            self.time = self._report_time.next(received, arc, before, after)
+            self.time = report_time(received, last, arc, before, after)
             self.pose *= moved
             # If reports are rare, the robot stands, and a sideways movement is a correction of its
             # localisation.
