@@ -53,9 +53,7 @@ class _Planning(Nav2Action):
         return self.context.pose.stamped
 
     async def _path(self, stops: Sequence[PoseStamped]) -> Path:
-        path = Path()
-        path.header.stamp = self.context.standard.now()
-        path.header.frame_id = self.context.standard.frame("map")
+        path = Path(header=self.context.standard.header("map"))
         for start, end in pairwise(stops):
             segment = await self._segment(start, end)
             if path.poses:  # a further segment begins with the last pose of the one before

@@ -59,9 +59,7 @@ class RobotPose:
     @property
     def stamped(self) -> PoseStamped:
         """The pose as a message with the current time; the origin while the pose is not known."""
-        message = PoseStamped()
-        message.header.stamp = self._context.now()
-        message.header.frame_id = self._context.frame("map")
+        message = PoseStamped(header=self._context.header("map"))
         if self.pose is not None:
             message.pose = to_pose(self.pose)
         return message
@@ -123,9 +121,7 @@ class RobotPose:
 
     def _publish(self, pose: Pose2D) -> None:
         self._published = pose
-        message = PoseWithCovarianceStamped()
-        message.header.stamp = self._context.now()
-        message.header.frame_id = self._context.frame("map")
+        message = PoseWithCovarianceStamped(header=self._context.header("map"))
         message.pose.pose = to_pose(pose)
         # every seventh element is on the diagonal of the 6x6 matrix
         message.pose.covariance[::7] = self._context.settings().pose_covariance

@@ -305,9 +305,8 @@ async def grid(
     check_resolution_and_origin(resolution, origin.x, origin.y)
     # in another thread, because decoding a large image would block the link
     width, height, cells = await asyncio.to_thread(cells_of, image)
-    message = OccupancyGrid(data=cells)
-    message.header.stamp = message.info.map_load_time = context.now()
-    message.header.frame_id = context.frame("map")
+    message = OccupancyGrid(header=context.header("map"), data=cells)
+    message.info.map_load_time = message.header.stamp
     message.info.resolution = resolution
     message.info.width, message.info.height = width, height
     message.info.origin = to_pose(origin)

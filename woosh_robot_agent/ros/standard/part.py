@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
 
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.parameters import StandardSettings
@@ -58,6 +59,10 @@ class PartContext:
         """Return the name of the frame `map`, `odom`, `base` or `scan`, with the prefix."""
         settings = self.settings()
         return settings.frame_prefix + str(getattr(settings, f"{which}_frame"))
+
+    def header(self, which: str) -> Header:
+        """Return a header with the current time and the frame `which`, as for `frame`."""
+        return Header(stamp=self.now(), frame_id=self.frame(which))
 
     def now(self) -> Time:
         """Return the node's current time."""

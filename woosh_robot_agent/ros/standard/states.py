@@ -6,13 +6,14 @@ import logging
 import math
 import struct
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Point32, PolygonStamped
 from google.protobuf.message import Message
 from nav_msgs.msg import Path
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import Bool, Header
+from std_msgs.msg import Bool
 
 from woosh_robot_agent.convert.cdr import HEADER_SIZE, serialize
 from woosh_robot_agent.link import Answer, Body, LinkError, LinkState
@@ -21,6 +22,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotI
 from woosh_robot_agent.robot.last_known import is_part_of_info, parts_of
 from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import check_finite
+from woosh_robot_agent.ros.subscribers import publish_readiness
 
 _LOG = logging.getLogger(__name__)
 _FOOTPRINT_RATE = 2.0
@@ -39,7 +41,8 @@ _CHARGE = {
 def battery_state(context: PartContext, battery: Battery) -> BatteryState:
     """Return the state of the battery; values that the chassis does not measure are NaN."""
     nan = math.nan
-    message = BatteryState(
+    return BatteryState(
+        header=context.header("base"),
         voltage=nan,
         temperature=nan,
         current=nan,
@@ -53,9 +56,6 @@ def battery_state(context: PartContext, battery: Battery) -> BatteryState:
         power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN,
         present=True,
     )
-    message.header.stamp = context.now()
-    message.header.frame_id = context.frame("base")
-    return message
 
 
 def plan(context: PartContext, nav_path: NavPath) -> bytes:
@@ -67,7 +67,7 @@ def plan(context: PartContext, nav_path: NavPath) -> bytes:
     Raises:
         ValueError: a pose is not finite.
     """
-    header = Header(stamp=context.now(), frame_id=context.frame("map"))
+    header = context.header("map")
     pose_header = serialize(header)[HEADER_SIZE:]
     path = bytearray(serialize(Path(header=header)))
     # an empty message ends with the number of its poses, which is 0
@@ -91,9 +91,7 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
     """
     for point in model.model:
         check_finite("corner", point.x, point.y)
-    message = PolygonStamped()
-    message.header.stamp = context.now()
-    message.header.frame_id = context.frame("base")
+    message = PolygonStamped(header=context.header("base"))
     message.polygon.points = [Point32(x=point.x, y=point.y) for point in model.model]
     return message
 
@@ -203,38 +201,18 @@ class _ValuePart(Part):
         self._publisher.publish(message)
 
 
-def battery_part(context: PartContext) -> _ValuePart:
-    """Return the part that publishes battery_state."""
-    return _ValuePart(context, "battery_state", Battery, battery_state, rate=_BATTERY_RATE)
-
-
-def plan_part(context: PartContext) -> _ValuePart:
-    """Return the part that publishes plan."""
-    return _ValuePart(context, "plan", NavPath, plan)
-
-
-def footprint_part(context: PartContext) -> _ValuePart:
-    """Return the part that publishes footprint."""
-    return _ValuePart(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
+battery_part = partial(
+    _ValuePart, name="battery_state", proto_class=Battery, convert=battery_state, rate=_BATTERY_RATE
+)
+plan_part = partial(_ValuePart, name="plan", proto_class=NavPath, convert=plan)
+footprint_part = partial(
+    _ValuePart, name="footprint", proto_class=Model, convert=footprint, rate=_FOOTPRINT_RATE
+)
 
 
 class Connected(Part):
-    """Publishes whether the link is ready on the topic connected, at the start and on changes."""
+    """Publishes whether the link is ready on the topic connected."""
 
     def __init__(self, context: PartContext) -> None:
-        self._publisher = context.publisher("connected")
-        self._last: bool | None = None
-        """The last published value; None before the first one."""
-        context.robot.chassis.on_state(self._changed)
-
-    async def run(self) -> None:
-        if self._last is None:  # no state change yet
-            self._publish(False)
-
-    def _changed(self, state: LinkState) -> None:
-        self._publish(state is LinkState.READY)
-
-    def _publish(self, connected: bool) -> None:
-        if connected != self._last:
-            self._last = connected
-            self._publisher.publish(Bool(data=connected))
+        publisher = context.publisher("connected")
+        publish_readiness(context.robot.chassis, publisher, lambda ready: Bool(data=ready))
