@@ -28,8 +28,6 @@ class StandardEndpoint:
 
     Attributes:
         type: ROS type, `package/Name`.
-        part: name with which the parameter `disabled_parts` switches the endpoint off; `tf` if the
-            parameter `publish_tf` switches it, `nav2` if the parameter `nav2` does.
         meaning: what it contains or does, for the documentation.
         depth: queue size of the publisher or subscription.
     """
@@ -37,7 +35,6 @@ class StandardEndpoint:
     name: str
     type: str
     kind: Kind
-    part: str
     meaning: str
     depth: int = 1
 
@@ -49,29 +46,20 @@ class StandardEndpoint:
 
 STANDARD = (
     StandardEndpoint(
-        "odom",
-        "nav_msgs/Odometry",
-        Kind.STREAM,
-        "odom",
-        "pose in `odom`, velocity in `base_link`",
-        10,
+        "odom", "nav_msgs/Odometry", Kind.STREAM, "pose in `odom`, velocity in `base_link`", 10
     ),
     StandardEndpoint(
         "/tf",
         "tf2_msgs/TFMessage",
         Kind.STREAM,
-        "tf",
         "`map` -> `odom` -> `base_link`, with each message on `odom`",
         100,
     ),
-    StandardEndpoint(
-        "/tf_static", "tf2_msgs/TFMessage", Kind.LATCHED, "tf", "`base_link` -> `laser`"
-    ),
+    StandardEndpoint("/tf_static", "tf2_msgs/TFMessage", Kind.LATCHED, "`base_link` -> `laser`"),
     StandardEndpoint(
         "scan",
         "sensor_msgs/LaserScan",
         Kind.STREAM,
-        "scan",
         "laser scan, requested only while there are subscribers",
         5,
     ),
@@ -79,82 +67,53 @@ STANDARD = (
         "battery_state",
         "sensor_msgs/BatteryState",
         Kind.LATCHED,
-        "battery_state",
         "state of charge, and whether the battery is charging",
     ),
     StandardEndpoint(
         "map",
         "nav_msgs/OccupancyGrid",
         Kind.LATCHED,
-        "map",
         "current map, or the map that the robot is making",
     ),
     StandardEndpoint(
         "keepout_mask",
         "nav_msgs/OccupancyGrid",
         Kind.LATCHED,
-        "map",
         "keep-out areas of the current map, as a mask for Nav2's KeepoutFilter",
     ),
+    StandardEndpoint("plan", "nav_msgs/Path", Kind.LATCHED, "path that the robot is following"),
     StandardEndpoint(
-        "plan", "nav_msgs/Path", Kind.LATCHED, "plan", "path that the robot is following"
+        "footprint", "geometry_msgs/PolygonStamped", Kind.LATCHED, "current outline of the robot"
     ),
     StandardEndpoint(
-        "footprint",
-        "geometry_msgs/PolygonStamped",
-        Kind.LATCHED,
-        "footprint",
-        "current outline of the robot",
-    ),
-    StandardEndpoint(
-        "cmd_vel",
-        "geometry_msgs/Twist",
-        Kind.INPUT,
-        "cmd_vel",
-        "velocity command; repeat it to keep driving",
+        "cmd_vel", "geometry_msgs/Twist", Kind.INPUT, "velocity command; repeat it to keep driving"
     ),
     StandardEndpoint(
         "initialpose",
         "geometry_msgs/PoseWithCovarianceStamped",
         Kind.INPUT,
-        "initialpose",
         "sets the pose of the robot in the map",
         10,
     ),
     StandardEndpoint(
-        "goal_pose",
-        "geometry_msgs/PoseStamped",
-        Kind.INPUT,
-        "goal_pose",
-        "navigates to a pose",
-        10,
+        "goal_pose", "geometry_msgs/PoseStamped", Kind.INPUT, "navigates to a pose", 10
     ),
     StandardEndpoint(
-        "cancel",
-        "std_srvs/Trigger",
-        Kind.SERVICE,
-        "goal_pose",
-        "cancels the navigation to `goal_pose`",
+        "cancel", "std_srvs/Trigger", Kind.SERVICE, "cancels the navigation to `goal_pose`"
     ),
     StandardEndpoint(
         "stop",
         "std_srvs/Trigger",
         Kind.SERVICE,
-        "stop",
         "stops the robot, and cancels its task and actions",
     ),
     StandardEndpoint(
-        "connected",
-        "std_msgs/Bool",
-        Kind.LATCHED,
-        "connected",
-        "true while the link to the chassis is ready",
+        "connected", "std_msgs/Bool", Kind.LATCHED, "true while the link to the chassis is ready"
     ),
     StandardEndpoint(
         "/diagnostics",
         "diagnostic_msgs/DiagnosticArray",
         Kind.STREAM,
-        "diagnostics",
         "link, chassis, battery, hardware, abnormal codes, motion, clock and agents, at 1 Hz",
         10,
     ),
@@ -163,11 +122,11 @@ STANDARD = (
 
 
 def _action(name: str, type_name: str, meaning: str) -> StandardEndpoint:
-    return StandardEndpoint(name, f"nav2_msgs/{type_name}", Kind.ACTION, "nav2", meaning)
+    return StandardEndpoint(name, f"nav2_msgs/{type_name}", Kind.ACTION, meaning)
 
 
 def _reading(name: str, type_name: str, meaning: str) -> StandardEndpoint:
-    return StandardEndpoint(name, type_name, Kind.READING_SERVICE, "nav2", meaning)
+    return StandardEndpoint(name, type_name, Kind.READING_SERVICE, meaning)
 
 
 MANAGERS = ("lifecycle_manager_navigation", "lifecycle_manager_localization")
@@ -230,7 +189,6 @@ NAV2 = (
         "map_server/load_map",
         "nav2_msgs/LoadMap",
         Kind.SERVICE,
-        "nav2",
         "`SwitchMap` to the robot's map with the name of the file, without folder and suffix: in "
         "the current scene, or else in another scene",
     ),
@@ -262,14 +220,12 @@ NAV2 = (
         "amcl_pose",
         "geometry_msgs/PoseWithCovarianceStamped",
         Kind.LATCHED,
-        "nav2",
         "the robot's pose in the map: after it was set, and every 0.25 m or 0.2 rad",
     ),
     StandardEndpoint(
         "speed_limit",
         "nav2_msgs/SpeedLimit",
         Kind.INPUT,
-        "nav2",
         "limits the speed of each navigation; a percentage refers to `cmd_vel_max_linear`, and "
         "100 % is no limit",
     ),
@@ -277,15 +233,10 @@ NAV2 = (
         "cmd_vel_teleop",
         "geometry_msgs/Twist",
         Kind.INPUT,
-        "nav2",
         "velocities of `assisted_teleop`, by the rules of `cmd_vel`",
     ),
     StandardEndpoint(
-        "preempt_teleop",
-        "std_msgs/Empty",
-        Kind.INPUT,
-        "nav2",
-        "ends `assisted_teleop` with success",
+        "preempt_teleop", "std_msgs/Empty", Kind.INPUT, "ends `assisted_teleop` with success"
     ),
 )
 """The endpoints of Nav2, which the agent has with the parameter `nav2` (`ros/nav2/`)."""
