@@ -115,7 +115,7 @@ _CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
 _DEBUG_TIMEOUT = 60.0
 """Time that a busy link thread gets to answer `Agent.debug`, in seconds."""
 _REST_TIMEOUT = 0.3
-"""Time in which the remaining tasks and the link thread must end, in seconds."""
+"""Time in which the remaining tasks must end, in seconds."""
 
 
 class Agent:
@@ -127,29 +127,17 @@ class Agent:
         actions: the action servers, with their goals.
 
     Args:
-        node: the node; by default a new one.
-        thread: thread of the link; by default a new one. If you pass a thread, stop it yourself
-            after closing the agent.
+        node: the node.
+        thread: thread of the link. Stop it after closing the agent.
         link: values for fields of `LinkConfig` that are no parameters, e.g. `backoff_min`.
-        options: rclpy's options of a new node, e.g. `context` and `parameter_overrides`.
-
-    Raises:
-        ValueError: a parameter is invalid.
     """
 
     def __init__(
-        self,
-        node: ParameterNode | None = None,
-        thread: LoopThread | None = None,
-        *,
-        link: Mapping[str, Any] | None = None,
-        **options: Any,
+        self, node: ParameterNode, thread: LoopThread, link: Mapping[str, Any] | None = None
     ) -> None:
-        self.node = node or ParameterNode(**options)
+        self.node = node
         log_to_ros()
-        loop_thread = thread or LoopThread()
-        self._own_thread = None if thread else loop_thread
-        link_thread = LinkThread(loop_thread, context_of(self.node.get_logger()))
+        link_thread = LinkThread(thread, context_of(node.get_logger()))
         self._link_fields = dict(link or {})
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
         # created first: a push that the first consumer cannot read reaches no other consumer
@@ -251,21 +239,12 @@ class Agent:
     def begin_close(self) -> None:
         """Begin to stop the robot, to abort the open goals and to close the link. From any thread.
 
-        Further calls do nothing. `close` waits for the end.
+        Further calls do nothing. `stop_all` waits for the end.
         """
         with self._lock:
             if self._stopped is None:
                 set_closing(self.node.get_logger(), closing=True)
                 self._stopped = self.robot.thread.begin(self._close())
-
-    def close(self, spin_once: Callable[[], None]) -> None:
-        """Stop the robot if the agent drove it, abort the open goals, close the link, clean up.
-
-        Args:
-            spin_once: runs one executor turn, so that goal results reach their clients.
-        """
-        stop_all([self], spin_once)
-        self.destroy()
 
     def destroy(self) -> None:
         """Destroy the node, after `stop_all`."""
@@ -349,7 +328,7 @@ class Agent:
 
 
 def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
-    """Stop the robots of several agents, abort the goals and close the links; keep the nodes.
+    """Stop the robots that the agents drive, abort the goals and close the links; keep the nodes.
 
     Args:
         agents: agents of one executor.
@@ -369,8 +348,6 @@ def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
         except TimeoutError:
             agent.node.get_logger().error("the agent's tasks did not end in time")
     for agent in agents:
-        if agent._own_thread is not None:
-            agent._own_thread.stop(_REST_TIMEOUT)
         if agent.node.executor is not None:  # an executor keeps the entities of its nodes alive
             agent.node.executor.remove_node(agent.node)
         set_closing(agent.node.get_logger(), closing=False)

@@ -120,7 +120,7 @@ class GoalClient(Protocol):
     def on_cancel(self, callback: Callable[[], None]) -> None:
         """Call `callback` when the client requests a cancel; at once if it already has."""
 
-    def feedback(self, report: Message) -> None:
+    def feedback(self, report: Message, /) -> None:
         """Take a report of the chassis on the goal."""
 
     def finish(self, end: End) -> None:
@@ -322,17 +322,12 @@ class GoalKind(Protocol):
     The kinds are tasks, sets of tasks and CallAction. Each goal has an object of its own.
     """
 
-    @property
-    def name(self) -> str:
-        """Name under which the chassis reports on the goal; earlier goals may have the same."""
-
-    @property
-    def request_type(self) -> str:
-        """Protobuf full name of the request, or of the command that it carries."""
-
-    @property
-    def attribution(self) -> Attribution:
-        """Decides which reports with the name of this goal belong to it."""
+    name: str
+    """Name under which the chassis reports on the goal; earlier goals may have the same."""
+    request_type: str
+    """Protobuf full name of the request, or of the command that it carries."""
+    attribution: Attribution
+    """Decides which reports with the name of this goal belong to it."""
 
     def request(self) -> Message | Order:
         """Return the request that starts the goal, or an order if the goal is one.

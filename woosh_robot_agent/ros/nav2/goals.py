@@ -151,7 +151,6 @@ class Nav2Goal:
 
     Attributes:
         request: the goal as the client gave it.
-        objection: why the goal cannot be executed; empty if it can.
         navigates: True if the goal is a navigation of the chassis.
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
@@ -162,7 +161,6 @@ class Nav2Goal:
     def __init__(self, goal: Goal, nav2_action: Nav2Action) -> None:
         loop = asyncio.get_running_loop()
         self.request = goal.request
-        self.objection = goal.objection
         self.navigates = nav2_action.navigates
         self.result = nav2_action.action_type.Result()
         self.ended: asyncio.Future[None] = loop.create_future()
@@ -544,16 +542,16 @@ class Nav2Action(ABC):
     def _start(self, accepted: Goal) -> None:
         goal = Nav2Goal(accepted, self)
         accepted.on_cancel(lambda: goal.stop(GoalEnd(outcome=Outcome.CANCELED)))
-        task = start_task(self._run(goal), name=f"nav2: {self.name}")
+        task = start_task(self._run(goal, accepted.objection), name=f"nav2: {self.name}")
         if not task.done():  # it may have run to its end already
             self._tasks[task] = goal
             task.add_done_callback(self._tasks.pop)
 
-    async def _run(self, goal: Nav2Goal) -> None:
+    async def _run(self, goal: Nav2Goal, objection: str) -> None:
         reason: GoalEnd | None = GoalEnd(STOPPING)  # if the task is cancelled
         try:
-            if goal.objection:  # `check` objects only to poses that it cannot transform
-                raise GoalEnd(goal.objection, "TF_ERROR")
+            if objection:  # `check` objects only to poses that it cannot transform
+                raise GoalEnd(objection, "TF_ERROR")
             goal.raise_if_ending()  # cancelled before it was accepted: the running goal goes on
             self.validate(goal.request)
             await self._slot.take(goal)

@@ -258,31 +258,18 @@ class NavigateThroughPoses(_Navigation):
         )
         end: GoalEnd | None = None
         try:
-            await self._drive(goal, command, poses, progress)
+            await goal.run_command(command, tick=lambda: self._publish(goal, poses, progress))
         except GoalEnd as reason:
             end = reason
-            raise
+            is_refused = isinstance(reason, FailedCommand) and reason.cause is Cause.REFUSAL
+            if is_refused and len(poses) > _MANY:
+                many = f"the goal has {len(poses)} poses, which may be too many: send fewer"
+                end = GoalEnd(f"{reason}; {many}")
+            raise end from None
         finally:
             if hasattr(goal.result, "waypoint_statuses"):
                 passed = len(poses) if end is None else len(poses) - progress.stops_left()
                 goal.result.waypoint_statuses = _statuses(poses, passed, str(end or ""))
-
-    async def _drive(
-        self, goal: Nav2Goal, command: MoveBase, poses: Sequence[PoseStamped], progress: Progress
-    ) -> None:
-        """Let the chassis drive through the poses.
-
-        Raises:
-            GoalEnd: the goal is not reached. If the chassis refuses very many poses, the text says
-                that their number may be the reason.
-        """
-        try:
-            await goal.run_command(command, tick=lambda: self._publish(goal, poses, progress))
-        except FailedCommand as failure:
-            if failure.cause is Cause.REFUSAL and len(poses) > _MANY:
-                many = f"the goal has {len(poses)} poses, which may be too many: send fewer"
-                raise GoalEnd(f"{failure}; {many}") from None
-            raise
 
     def _publish(self, goal: Nav2Goal, poses: Sequence[PoseStamped], progress: Progress) -> None:
         left = progress.stops_left()

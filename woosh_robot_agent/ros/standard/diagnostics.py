@@ -263,7 +263,10 @@ class Diagnostics(Part):
     async def _publish(self, _now: float) -> None:
         context, robot_context = self._context, self._context.robot
         chassis, info = robot_context.chassis, robot_context.last_known.value(RobotInfo)
-        superseded, turns = robot_context.gate.superseded, robot_context.thread.longest_turns
+        superseded, turns = (
+            robot_context.gate.superseded,
+            robot_context.thread.loop_thread.longest_turns,
+        )
         statuses = [link_status(chassis, superseded, turns)]
         hardware_id = ""
         if info is not None:
