@@ -14,7 +14,6 @@ from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.robot.readiness import Objection
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.status_codes import explained
@@ -45,12 +44,9 @@ class CodeLog:
         """Monotonic time at which a logged code was last sent, by number of the code."""
         self._abnormal: frozenset[int] = frozenset()
         """The codes in the last AbnormalCodes."""
-        chassis.on_snapshot(self._snapshot)
+        chassis.on_snapshot(lambda info: self._abnormal_changed(info.abnormal_codes))
         chassis.subscribe_raw(StatusCode, self._pushed)
         chassis.subscribe(AbnormalCodes, self._abnormal_changed)
-
-    def _snapshot(self, info: RobotInfo) -> None:
-        self._abnormal_changed(info.abnormal_codes)
 
     def _abnormal_changed(self, codes: AbnormalCodes) -> None:
         """Log the codes that last; forget those that have ended."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 
 from google.protobuf.message import Message
@@ -167,6 +168,8 @@ def type_of(request: Message) -> str:
 
 # Functions that return the reasons in the robot's state, each for a kind of refused request
 
+_STOP_OR_MODE = (EMERGENCY_STOP, *CONTROL_MODES)
+
 
 def _for_task(info: RobotInfo) -> list[Objection]:
     """Return the reasons for a request that starts a task, an action or a following."""
@@ -175,24 +178,19 @@ def _for_task(info: RobotInfo) -> list[Objection]:
     return [*busy_objections(info), *reasons]
 
 
-def _for_velocity(info: RobotInfo) -> list[Objection]:
-    """Return the reasons for a velocity."""
-    return [*busy_objections(info), *_objections_among(info, EMERGENCY_STOP, MAINTENANCE)]
+def _among(possible: Container[Objection], info: RobotInfo) -> list[Objection]:
+    """Return those of the possible objections that hold for the robot now."""
+    return [each for each in objections(info) if each in possible]
 
 
-def _for_change(info: RobotInfo) -> list[Objection]:
-    """Return the reasons for a request that changes the mode, the map or the pose."""
-    return [*busy_objections(info), *_objections_among(info, EMERGENCY_STOP, *CONTROL_MODES)]
-
-
-def _for_control_mode(info: RobotInfo) -> list[Objection]:
-    """Return the reasons for a change of the control mode."""
-    return _objections_among(info, *CONTROL_MODES)
+def _busy_or_among(possible: Container[Objection], info: RobotInfo) -> list[Objection]:
+    """Return what the robot is doing, and those of the possible objections that hold now."""
+    return [*busy_objections(info), *_among(possible, info)]
 
 
 def _for_mapping(info: RobotInfo) -> list[Objection]:
     """Return the reasons for a request that makes a map."""
-    return [*_for_deployment(info), *_objections_among(info, *CONTROL_MODES)]
+    return [*_for_deployment(info), *_among(CONTROL_MODES, info)]
 
 
 def _for_deployment(info: RobotInfo) -> list[Objection]:
@@ -206,18 +204,13 @@ def _for_deployment(info: RobotInfo) -> list[Objection]:
 
 def _for_order(info: RobotInfo) -> list[Objection]:
     """Return the reasons for an order to the running task, e.g. a pause."""
-    found = _objections_among(info, EMERGENCY_STOP, *CONTROL_MODES)
+    found = _among(_STOP_OR_MODE, info)
     return found if busy_objections(info) else [*found, NO_TASK]
 
 
 def _for_navigation(info: RobotInfo) -> list[Objection]:
     """Return the reasons for a request that changes the navigation of the running task."""
     return [] if busy_objections(info) else [NO_TASK]
-
-
-def _objections_among(info: RobotInfo, *possible: Objection) -> list[Objection]:
-    """Return those of the possible objections that hold for the robot now."""
-    return [each for each in objections(info) if each in possible]
 
 
 TASK_TYPES = tuple(map(full_name, TASK_REQUESTS))
@@ -233,15 +226,15 @@ _STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProx
     {
         **dict.fromkeys((*TASK_TYPES, *_LIFTS, _STEP, _CHARGE, _MOVE), _for_task),
         "woosh.robot.Follow": _for_task,
-        "woosh.robot.Twist": _for_velocity,
+        "woosh.robot.Twist": partial(_busy_or_among, (EMERGENCY_STOP, MAINTENANCE)),
         "woosh.robot.ActionOrder": _for_order,
         "woosh.robot.ChangeNavPath": _for_navigation,
         "woosh.robot.ChangeNavMode": _for_navigation,
         "woosh.ros.action.NavigationMode": _for_navigation,
-        "woosh.robot.InitRobot": _for_change,
-        "woosh.robot.SwitchMap": _for_change,
-        "woosh.robot.SwitchWorkMode": _for_change,
-        "woosh.robot.SwitchControlMode": _for_control_mode,
+        "woosh.robot.InitRobot": partial(_busy_or_among, _STOP_OR_MODE),
+        "woosh.robot.SwitchMap": partial(_busy_or_among, _STOP_OR_MODE),
+        "woosh.robot.SwitchWorkMode": partial(_busy_or_among, _STOP_OR_MODE),
+        "woosh.robot.SwitchControlMode": partial(_among, CONTROL_MODES),
         "woosh.robot.BuildMap": _for_mapping,
         "woosh.robot.Deployment": _for_deployment,
     }

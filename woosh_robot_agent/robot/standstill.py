@@ -203,8 +203,8 @@ class Standstill:
         if isinstance(message, Twist):
             if may_move(message):
                 self._velocity_accepted(command_name(command))
-            elif self._demand is not None and self._demand.is_velocity:
-                self._give_up()
+            elif (demand := self._demand) and demand.is_velocity and not demand.warned:
+                self._demand = None  # a warning that was given remains until the robot moves
         elif takes_wheels(message) and not _may_stand(message):
             # an order to the running task is observed like the task
             kind = full_name(ExecTask) if isinstance(message, ActionOrder) else type_of(message)
@@ -241,11 +241,6 @@ class Standstill:
         """Expect no movement because of the commands given so far, and end their warning."""
         self._rested = asyncio.get_running_loop().time()
         self._demand = None
-
-    def _give_up(self) -> None:
-        """Stop expecting movement; a warning that was given remains until the robot moves."""
-        if self._demand is not None and not self._demand.warned:
-            self._demand = None
 
     def _start_timer(self, demand: _Demand) -> None:
         """Expect movement within `LIMIT` from now."""

@@ -299,7 +299,7 @@ class Agent:
         if settings.link != before.link:
             self.robot.thread.spawn(self._reconfigure)
         if self._nav2 is not None:
-            self.robot.thread.call(self._nav2.settings_changed)
+            self.robot.thread.call(self._nav2.speed_limit.settings_changed)
 
     def _link_config(self) -> LinkConfig:
         return replace(self.settings.link, **self._link_fields)

@@ -36,7 +36,7 @@ class Topics:
         chassis.on_snapshot(self._publish_parts, self._serialized_parts)
         for topic in TOPICS:
             if topic.on_demand:
-                _OnDemand(topic, node, thread, chassis)
+                _publish_on_demand(topic, node, thread, chassis)
                 continue
             msg = class_of(topic.msg, "msg")
             proto_class = message_type(topic.push)
@@ -68,23 +68,18 @@ def _serialized(convert: Converter, body: Body) -> bytes:
     return serialize(convert.read(body))
 
 
-class _OnDemand:
-    """Publisher of a topic that is subscribed to at the chassis only while it has subscribers."""
+def _publish_on_demand(topic: Topic, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
+    """Publish a topic that is subscribed to at the chassis only while it has subscribers."""
+    msg, proto_class = class_of(topic.msg, "msg"), message_type(topic.push)
+    prepare = partial(_serialized, converter(msg, proto_class))
+    subscribers = Subscribers(node, thread)
+    publisher = subscribers.publisher(msg, topic.name, latched(topic.depth))
 
-    def __init__(self, topic: Topic, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
-        self._chassis = chassis
-        self._proto_class = message_type(topic.push)
-        msg = class_of(topic.msg, "msg")
-        self._convert = converter(msg, self._proto_class)
-        self._subscribers = Subscribers(node, thread)
-        self._publisher = self._subscribers.publisher(msg, topic.name, latched(topic.depth))
-        thread.spawn(self._run)
-
-    async def _run(self) -> None:
+    async def run() -> None:
         while True:
-            await self._subscribers.wait(present=True)
-            unsubscribe = self._chassis.subscribe_raw(
-                self._proto_class, self._publisher.publish, partial(_serialized, self._convert)
-            )
-            await self._subscribers.wait(present=False)
+            await subscribers.wait(present=True)
+            unsubscribe = chassis.subscribe_raw(proto_class, publisher.publish, prepare)
+            await subscribers.wait(present=False)
             unsubscribe()
+
+    thread.spawn(run)

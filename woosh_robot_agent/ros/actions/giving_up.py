@@ -37,8 +37,6 @@ class Cancellation:
         on_refused: Callable[[], None],
         has_begun: Callable[[], bool],
     ) -> None:
-        self.requested = False
-        """True once the client has requested a cancel, even if `GoalRun` has not handled it yet."""
         self.pending = False
         """True if a cancel has to be sent."""
         self._name = name

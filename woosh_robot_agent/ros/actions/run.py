@@ -104,6 +104,10 @@ class GoalRun:
 
     def __init__(self, client: GoalClient, kind: GoalKind, context: GoalContext) -> None:
         loop = asyncio.get_running_loop()
+        self.name = kind.name
+        """Name under which the chassis reports on the goal."""
+        self.is_cancel_requested = False
+        """True once the client has requested a cancel, even if that is not handled yet."""
         self.phase = Phase.NEW
         """Phase of the goal; only `_advance` changes it."""
         self.accepted: asyncio.Future[bool] = loop.create_future()
@@ -146,16 +150,6 @@ class GoalRun:
         """Task of the last poll; None before the first one."""
 
     @property
-    def name(self) -> str:
-        """Name under which the chassis reports on the goal."""
-        return self._kind.name
-
-    @property
-    def is_cancel_requested(self) -> bool:
-        """True once the client has requested a cancel."""
-        return self._cancellation.requested
-
-    @property
     def was_accepted(self) -> bool | None:
         """The result of `accepted`; None while it is not decided."""
         return self.accepted.result() if self.accepted.done() else None
@@ -164,7 +158,7 @@ class GoalRun:
         """Queue an event for the goal; in the link thread."""
         # set here, so that it also applies to reports that are already queued
         if isinstance(event, CancelRequested):
-            self._cancellation.requested = True
+            self.is_cancel_requested = True
         self._events.put_nowait(event)
 
     async def run(self) -> None:
@@ -296,7 +290,7 @@ class GoalRun:
 
     async def _end_for_client(self, end: End) -> End:
         """Return the end to send to the client: an unrequested cancel becomes an abort."""
-        if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
+        if end.outcome is not Outcome.CANCELED or self.is_cancel_requested:
             return end
         if await self._context.open_goals.newer_accepted(self):
             return self._aborted(REPLACED)
@@ -341,7 +335,7 @@ class GoalRun:
         """Publish the reports on this goal as feedback; return its end if one reports it."""
         for report in reports:
             if not self._attribution.attribute(
-                report.outcome, self.phase, cancel_requested=self._cancellation.requested
+                report.outcome, self.phase, cancel_requested=self.is_cancel_requested
             ):
                 if report.outcome is not None:
                     self._attribution.note_earlier_end(report.message)
@@ -349,7 +343,7 @@ class GoalRun:
                 continue
             self._last_report = report.message
             # a cancel may have ended only the part before, so this part is cancelled, too
-            if report.begins_part and self._cancellation.requested:
+            if report.begins_part and self.is_cancel_requested:
                 self._cancellation.pending = True
                 self._give_up.part_begun()
             cause = Cause.LATE_REPORT if self._give_up.is_state_unknown else Cause.REPORT
@@ -369,7 +363,7 @@ class GoalRun:
 
     def _doubt_end(self, report: Report) -> None:
         """If this goal is being cancelled, let a poll decide whether an end is its own."""
-        if self._cancellation.requested and self.phase.accepted:
+        if self.is_cancel_requested and self.phase.accepted:
             self._poll_once_begun()
             if report.outcome is Outcome.CANCELED:
                 self._possible_cancel = report.message

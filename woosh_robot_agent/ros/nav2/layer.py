@@ -53,6 +53,9 @@ class Nav2Layer:
         actions: runs the goals of the chassis.
         map_to_odom: returns the pose of the odometry's frame in the map; None if it is unknown.
         result_timeout: time for which the results of goals are kept, in seconds.
+
+    Attributes:
+        speed_limit: the topic speed_limit.
     """
 
     def __init__(
@@ -71,7 +74,7 @@ class Nav2Layer:
         )
         self._teleop = AssistedTeleop(self._context)
         self._actions: list[Nav2Action] = [self._teleop]
-        self._speed_limit = SpeedLimit(standard, driving)
+        self.speed_limit = SpeedLimit(standard, driving)
 
     def start(self) -> None:
         """Create the other actions and the services, and start AssistedTeleop."""
@@ -83,10 +86,6 @@ class Nav2Layer:
         MapServer(standard)
         Costmaps(standard)
         standard.robot.thread.spawn(partial(keep_running, self._teleop.run, self._teleop.name))
-
-    def settings_changed(self) -> None:
-        """Apply changed parameters. Call it in the link thread."""
-        self._speed_limit.settings_changed()
 
     @property
     def open_goals(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from itertools import pairwise
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -51,8 +52,12 @@ class Odom(Part):
         self._message.header.frame_id = context.frame("odom")
         self._covariances_of: StandardSettings | None = None
         """Settings whose covariances are in `_message`."""
-        self._transforms: Any = self._blank_transforms() if settings.publish_tf else None
+        self._transforms: Any = None
         """The TFMessage for /tf, reused for each message."""
+        if settings.publish_tf:
+            frames = tuple(map(context.frame, ("map", "odom", "base")))
+            chain = [(*pair, Pose2D()) for pair in pairwise(frames)]
+            self._transforms = transforms(context.now(), *chain)
         self._received = -math.inf
         """Loop time of the last usable report."""
         self._last_forwarded = -math.inf
@@ -176,14 +181,6 @@ class Odom(Part):
         twist.linear.x, twist.linear.y = velocity.forward, velocity.left
         twist.angular.z = velocity.turn
         return message
-
-    def _blank_transforms(self) -> Any:
-        frame = self._context.frame
-        return transforms(
-            self._context.now(),
-            (frame("map"), frame("odom"), Pose2D()),
-            (frame("odom"), frame("base"), Pose2D()),
-        )
 
 
 def transforms(stamp: Any, *chain: tuple[str, str, Pose2D]) -> Any:

@@ -85,7 +85,8 @@ class Prediction:
     def __init__(self) -> None:
         self._pose = Pose2D()
         """Pose in the last report."""
-        self._velocity = STANDSTILL
+        self.velocity = STANDSTILL
+        """The velocity in the last report, or zero after `stand`."""
         self._time = -math.inf
         """Time of the last report."""
         self._before = STANDSTILL
@@ -108,11 +109,6 @@ class Prediction:
         """Time at which blending began."""
 
     @property
-    def velocity(self) -> Velocity:
-        """The velocity in the last report, or zero after `stand`."""
-        return self._velocity
-
-    @property
     def last(self) -> Pose2D:
         """The last predicted pose, or the pose of the last report if that is newer."""
         return self._last if self._last_time >= self._time else self._pose
@@ -123,18 +119,18 @@ class Prediction:
         Args:
             time: time of the pose and the velocity; may be before the last predicted time.
         """
-        self._before, self._interval = self._velocity, time - self._time
-        self._pose, self._velocity, self._time = pose, velocity, time
+        self._before, self._interval = self.velocity, time - self._time
+        self._pose, self.velocity, self._time = pose, velocity, time
         self._is_new = True
 
     def stand(self) -> None:
         """Assume that the robot stands at the last reported pose: no further report came."""
-        if self._velocity != STANDSTILL:
+        if self.velocity != STANDSTILL:
             self.report(self._pose, STANDSTILL, self._time)
 
     def can_predict(self, time: float) -> bool:
         """Return True if the pose can be predicted: the robot stands, or has reported recently."""
-        return not self._velocity.moving or time - self._time <= HORIZON
+        return not self.velocity.moving or time - self._time <= HORIZON
 
     def predict(self, time: float) -> tuple[Pose2D, Velocity]:
         """Return the pose and the velocity of the robot.
@@ -153,8 +149,8 @@ class Prediction:
                 pose.y + remaining * error.y,
                 math.remainder(pose.theta + remaining * error.theta, math.tau),
             )
-        self._last_time, self._last, self._last_velocity = time, pose, self._velocity
-        elapsed, velocity, acceleration = time - self._time, self._velocity, self._acceleration
+        self._last_time, self._last, self._last_velocity = time, pose, self.velocity
+        elapsed, velocity, acceleration = time - self._time, self.velocity, self._acceleration
         if elapsed > 0.0 and velocity.moving:
             velocity = Velocity(
                 _slowed(velocity.forward, acceleration.forward, elapsed),
@@ -166,7 +162,7 @@ class Prediction:
     def _start(self, time: float) -> None:
         """Prepare to predict from a new report; `time` is that of its first prediction."""
         self._is_new = False
-        interval, now, before = self._interval, self._velocity, self._before
+        interval, now, before = self._interval, self.velocity, self._before
         if not _MIN_REPORT_INTERVAL <= interval <= _MAX_INTERVAL:
             interval, before = 1.0, now  # makes the acceleration 0: it is not known
         self._acceleration = Velocity(
@@ -194,7 +190,7 @@ class Prediction:
         driven at the speed before or after the pause, or at any speed between these.
         """
         forward, left, turn = pose.seen_from(self._last).arc
-        before, now = self._last_velocity, self._velocity
+        before, now = self._last_velocity, self.velocity
         return self._last * Pose2D.from_arc(
             _limited(forward, before.forward, now.forward, pause),
             _limited(left, before.left, now.left, pause),
@@ -204,7 +200,7 @@ class Prediction:
     def _unblended(self, time: float) -> Pose2D:
         """Return the pose at a time as predicted from the last report, without blending."""
         elapsed = max(-HORIZON, min(time - self._time, HORIZON))
-        velocity, acceleration = self._velocity, self._acceleration
+        velocity, acceleration = self.velocity, self._acceleration
         if elapsed > 0.0:
             if not velocity.moving:
                 return self._pose
