@@ -29,7 +29,6 @@ from woosh_robot_agent.robot.refusals import RefusalExplainer
 from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.actions.actions import Actions
 from woosh_robot_agent.ros.bridge import LinkThread, LoopThread, wait_for_result
-from woosh_robot_agent.ros.context import RobotContext
 from woosh_robot_agent.ros.logs import context_of, log_as, log_to_ros, set_closing
 from woosh_robot_agent.ros.rclpy_private import parameter_overrides
 from woosh_robot_agent.ros.releases import on_parameters_set
@@ -123,7 +122,7 @@ class Agent:
 
     Attributes:
         node: the node, to be added to an executor.
-        robot: the link, the motion gate and the other objects of `RobotContext`.
+        robot: the link, the motion gate and the other objects of `PartContext`.
         actions: the action servers, with their goals.
 
     Args:
@@ -148,7 +147,17 @@ class Agent:
         explainer = RefusalExplainer(chassis, last_known)
         watch = Watch(chassis, gate, last_known, explainer, lambda: self.actions.accepted_goals)
         requests = RequestMaker(self.settings.link.robot_id)
-        self.robot = RobotContext(self.node, link_thread, chassis, gate, last_known, requests)
+        self.robot = PartContext(
+            self.node,
+            link_thread,
+            chassis,
+            gate,
+            last_known,
+            requests,
+            watch,
+            SecondAgentDetector(self.node),
+            lambda: self.settings.standard,
+        )
         create_services(
             self.robot, watch.velocities, lambda: self.settings.standard.velocity_limits
         )
@@ -158,12 +167,8 @@ class Agent:
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
-        self._second_agent_detector = SecondAgentDetector(self.node)
-        context = PartContext(
-            self.robot, watch, self._second_agent_detector, lambda: self.settings.standard
-        )
-        self._standard = StandardLayer(context)
-        self._nav2 = self._create_nav2(context) if self.settings.nav2 else None
+        self._standard = StandardLayer(self.robot)
+        self._nav2 = self._create_nav2() if self.settings.nav2 else None
         self._lock = threading.Lock()
         """Protects `_stopped`: `begin_close` may be called from several threads at once."""
         self._stopped: Future[None] | None = None
@@ -173,11 +178,11 @@ class Agent:
             chassis.permit_only(only_reads, self._observe_only_reason)
         link_thread.call(chassis.start)
         self._standard.start()
-        link_thread.spawn(self._second_agent_detector.run)
+        link_thread.spawn(self.robot.second_agent_detector.run)
         if self._nav2 is not None:
             self._nav2.start()
 
-    def _create_nav2(self, context: PartContext) -> Nav2Layer | None:
+    def _create_nav2(self) -> Nav2Layer | None:
         """Create Nav2's interfaces; None if their definitions are not installed."""
         if find_spec("nav2_msgs") is None:
             self.node.get_logger().error(
@@ -189,7 +194,7 @@ class Agent:
         from woosh_robot_agent.ros.nav2.layer import Nav2Layer
 
         return Nav2Layer(
-            context,
+            self.robot,
             self.actions,
             lambda: self._standard.map_to_odom,
             self.settings.result_timeout,

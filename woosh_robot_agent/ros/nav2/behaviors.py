@@ -182,10 +182,10 @@ class AssistedTeleop(Nav2Action):
 
     def __init__(self, context: Nav2Context) -> None:
         super().__init__(context)
-        standard, robot = context.standard, context.standard.robot
+        standard = context.standard
         self._driver = VelocityDriver(
-            robot.gate,
-            robot.chassis,
+            standard.gate,
+            standard.chassis,
             "cmd_vel_teleop",
             lambda: standard.settings().velocity_limits,
         )
@@ -234,10 +234,10 @@ class AssistedTeleop(Nav2Action):
 
     def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
-        standard, gate = self.context.standard, self.context.standard.robot.gate
-        if refusal := standard.robot.chassis.refusal(Twist()):
+        standard, gate = self.context.standard, self.context.standard.gate
+        if refusal := standard.chassis.refusal(Twist()):
             return refusal
-        if standard.robot.chassis.state is not LinkState.READY:
+        if standard.chassis.state is not LinkState.READY:
             return "there is no link to the robot"
         if gate.owner and not standard.settings().velocity_limits.override:
             return f"{gate.owner} drives the robot"

@@ -53,7 +53,7 @@ class _Docking(Nav2Action):
     @property
     def is_charging(self) -> bool:
         """True if the robot reports that it is charging."""
-        battery = self.context.standard.robot.last_known.value(Battery)
+        battery = self.context.standard.last_known.value(Battery)
         return battery is not None and is_charging(battery)
 
     async def chargers(self) -> dict[str, tuple[float, float]]:
@@ -62,7 +62,7 @@ class _Docking(Nav2Action):
         Raises:
             GoalEnd: the chassis does not answer.
         """
-        robot = self.context.standard.robot
+        robot = self.context.standard
         try:
             answer = await robot.chassis.request(
                 robot.requests.address(storage_edit_pb2.Storages())
@@ -201,7 +201,7 @@ class UndockRobot(_Docking):
             GoalEnd: the robot is in no charger, its pose is unknown, or the chassis does not
                 answer.
         """
-        battery = self.context.standard.robot.last_known.value(Battery)
+        battery = self.context.standard.last_known.value(Battery)
         if battery is not None and battery.charge_state == Battery.kAuto:
             return
         here = self.context.pose.pose
@@ -221,7 +221,7 @@ class UndockRobot(_Docking):
         Raises:
             GoalEnd: the chassis does not cancel the task, or the goal has ended before.
         """
-        robot = self.context.standard.robot
+        robot = self.context.standard
         if not self._has_charging_task():
             return
         try:
@@ -236,5 +236,5 @@ class UndockRobot(_Docking):
 
     def _has_charging_task(self) -> bool:
         """Return True while the chassis executes a charging task."""
-        report = self.context.standard.robot.last_known.value(TaskProc)
+        report = self.context.standard.last_known.value(TaskProc)
         return report is not None and report.type == task.kCharge and is_unfinished(report)

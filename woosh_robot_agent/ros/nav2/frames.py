@@ -220,7 +220,7 @@ class Frames:
             ) from None
 
         self._is_subscribed = True
-        robot = self._context.robot
+        robot = self._context
         for topic, profile, is_static in (
             ("/tf", reliable(_DEPTH), False),
             ("/tf_static", latched(_DEPTH), True),

@@ -464,7 +464,7 @@ class Nav2Context:
     @property
     def objections_except_busy(self) -> list[Objection]:
         """The reasons for which the robot rejects tasks now, except for its present task."""
-        info = self.standard.robot.last_known.value(RobotInfo)
+        info = self.standard.last_known.value(RobotInfo)
         return [] if info is None else objections_except_busy(info)
 
 
@@ -486,7 +486,7 @@ class Nav2Action(ABC):
         """The goals that have not ended, by the asyncio task that runs the goal."""
         self._logged_fields: set[str] = set()
         """Fields of which `log_unused` has logged that they have no effect."""
-        robot = context.standard.robot
+        robot = context.standard
         self.server = GoalServer(
             robot.node,
             robot.thread,

@@ -67,7 +67,7 @@ class Nav2Layer:
     ) -> None:
         pose = RobotPose(standard)
         frames = Frames(standard, lambda: pose.pose, map_to_odom)
-        driving, gate = Slot(), standard.robot.gate
+        driving, gate = Slot(), standard.gate
         gate.on_stop(driving.stop_called)
         self._context = Nav2Context(
             standard, actions, frames, pose, driving, CancelLog(gate), result_timeout
@@ -85,7 +85,7 @@ class Nav2Layer:
         Lifecycle(standard)
         MapServer(standard)
         Costmaps(standard)
-        standard.robot.thread.spawn(partial(keep_running, self._teleop.run, self._teleop.name))
+        standard.thread.spawn(partial(keep_running, self._teleop.run, self._teleop.name))
 
     @property
     def open_goals(self) -> int:

@@ -69,7 +69,7 @@ class _Planning(Nav2Action):
         Raises:
             GoalEnd: there is no path.
         """
-        robot = self.context.standard.robot
+        robot = self.context.standard
         request = PlanNavPath(start=chassis_pose(start), end=chassis_pose(end))
         try:
             answer = await robot.chassis.request(robot.requests.address(request))

@@ -49,7 +49,7 @@ class RobotPose:
         self._published: Pose2D | None = None
         """The pose that was published last; None to publish the next pose in any case."""
         self._publisher = context.publisher("amcl_pose")
-        chassis = context.robot.chassis
+        chassis = context.chassis
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)
         chassis.subscribe(PoseSpeed, self._reported)
@@ -106,10 +106,10 @@ class RobotPose:
         """Request the pose: a robot that stands does not report a pose that was set."""
         self._published = None
         self._settled = asyncio.get_running_loop().time() + POSE_SET_INTERVAL
-        self._context.robot.thread.spawn(self._request_pose)
+        self._context.thread.spawn(self._request_pose)
 
     async def _request_pose(self) -> None:
-        robot = self._context.robot
+        robot = self._context
         try:
             await robot.chassis.request(robot.requests.empty(PoseSpeed), tap=self._answered)
         except LinkError as error:

@@ -261,11 +261,11 @@ class Diagnostics(Part):
         await self._subscribers.repeat(lambda: _RATE, self._publish)
 
     async def _publish(self, _now: float) -> None:
-        context, robot_context = self._context, self._context.robot
-        chassis, info = robot_context.chassis, robot_context.last_known.value(RobotInfo)
+        context, chassis = self._context, self._context.chassis
+        info = context.last_known.value(RobotInfo)
         superseded, turns = (
-            robot_context.gate.superseded,
-            robot_context.thread.loop_thread.longest_turns,
+            context.gate.superseded,
+            context.thread.loop_thread.longest_turns,
         )
         statuses = [link_status(chassis, superseded, turns)]
         hardware_id = ""
@@ -285,7 +285,7 @@ class Diagnostics(Part):
                     status.texts.insert(0, "no link; last known values")
             statuses += of_robot
         statuses.append(agents_status(context.second_agent_detector))
-        prefix = robot_context.node.get_fully_qualified_name().lstrip("/")
+        prefix = context.node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[each.message(prefix, hardware_id) for each in statuses])
         message.header.stamp = context.now()
         self._publisher.publish(message)

@@ -38,7 +38,7 @@ class InitialPose(Part):
         context.subscribe("initialpose", self._received)
 
     def _received(self, message: Any) -> None:
-        if reason := self._context.robot.chassis.refusal(SetRobotPose()):
+        if reason := self._context.chassis.refusal(SetRobotPose()):
             self._log.warn("not permitted", f"initialpose is ignored: {reason}")
             return
         self._log.clear()
@@ -50,13 +50,11 @@ class InitialPose(Part):
             return
         request = SetRobotPose()
         request.pose.x, request.pose.y, request.pose.theta = pose.x, pose.y, pose.theta
-        self._context.robot.thread.spawn(partial(self._set, request))
+        self._context.thread.spawn(partial(self._set, request))
 
     async def _set(self, request: SetRobotPose) -> None:
         try:
-            answer = await self._context.robot.chassis.request(
-                self._context.robot.requests.address(request)
-            )
+            answer = await self._context.chassis.request(self._context.requests.address(request))
         except LinkError as error:
             _LOG.error("initialpose was not set: %s", error)
             return
@@ -82,7 +80,7 @@ class GoalPose(Part):
         self._context = context
         self._log = LogOnce(_LOG)
         self._action = class_of(_MOVE_BASE.action, "action")
-        self._client = ActionClient(context.robot.node, self._action, _MOVE_BASE.name)
+        self._client = ActionClient(context.node, self._action, _MOVE_BASE.name)
         self._newest = 0
         """Number of the newest goal_pose."""
         self._handles: list[Any] = []
@@ -101,12 +99,12 @@ class GoalPose(Part):
         self._client.destroy()  # `Node.destroy_node` leaves it: the node would stay in the graph
 
     def _received(self, message: Any, info: Mapping[str, Any], taken: float) -> None:
-        if reason := self._context.robot.chassis.refusal(CallAction()):
+        if reason := self._context.chassis.refusal(CallAction()):
             self._log.warn("not permitted", f"goal_pose is ignored: {reason}")
             return
         self._log.clear()
         published = self._clock.of_message(info, taken)
-        if objection := self._context.robot.gate.refusal(published):
+        if objection := self._context.gate.refusal(published):
             _LOG.error("goal_pose is ignored: %s", objection)
             return
         try:
@@ -147,7 +145,7 @@ class GoalPose(Part):
 
     def _ended(self, handle: Any, future: Any) -> None:
         """Log that a goal was reached, or was aborted unless a newer one replaces it."""
-        log_as(self._context.robot.node.get_logger())
+        log_as(self._context.node.get_logger())
         self._handles.remove(handle)
         response = future.result()
         reason = response.result.ret.msg

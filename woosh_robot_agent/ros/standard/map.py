@@ -163,9 +163,9 @@ class Map(Part):
         """Number of maps that the robot has finished; a map requested before is dropped."""
         self._shows_growing = False
         """True if the last message was a map that the robot was making."""
-        self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
-        context.robot.chassis.on_snapshot(self._snapshot)
-        context.robot.chassis.subscribe(Scene, self._scene_reported)
+        self._growing = GrowingMap(context.chassis, self._subscribers, self._map_finished)
+        context.chassis.on_snapshot(self._snapshot)
+        context.chassis.subscribe(Scene, self._scene_reported)
 
     async def run(self) -> None:
         await self._subscribers.repeat(lambda: _CHECK_RATE, self._check)
@@ -173,7 +173,7 @@ class Map(Part):
     async def _check(self, now: float) -> None:
         """Request or publish the map if needed."""
         self._growing.subscribe()
-        if self._context.robot.chassis.state is not LinkState.READY:
+        if self._context.chassis.state is not LinkState.READY:
             return
         if self._growing.active:
             await self._publish_growing()
@@ -207,7 +207,7 @@ class Map(Part):
         self._finished_maps += 1
         self._request_soon()
         if self._shows_growing:
-            self._context.robot.thread.spawn(self._replace_growing)
+            self._context.thread.spawn(self._replace_growing)
 
     async def _replace_growing(self) -> None:
         """Publish the scene's map also without subscribers.
@@ -229,7 +229,7 @@ class Map(Part):
         try:
             message = await grid(self._context, report.map_data, report.resolution, origin)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(
+            self._context.chassis.count_bad_value(
                 BuildMapData, f"no map while the robot is making one, {error}"
             )
             return
@@ -248,7 +248,7 @@ class Map(Part):
         self._not_before = clock() + _RETRY_DELAY
         self._costs_link = False
         try:
-            area = await scene_map(self._context.robot.chassis, used.scene, used.map_id, used.name)
+            area = await scene_map(self._context.chassis, used.scene, used.map_id, used.name)
         except (LinkError, MapError) as error:
             if isinstance(error, ConnectionLostError | RequestTimeoutError):
                 self._not_before = clock() + self._retry.next()
@@ -259,7 +259,7 @@ class Map(Part):
             origin = Pose2D.from_message(area.origin)
             message = await grid(self._context, area.map_png, area.resolution, origin)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
+            self._context.chassis.count_bad_value(SceneData, f"no map, {error}")
             return
         mask = await self._keepout_mask(area, message)
         is_outdated = finished != self._finished_maps or used != self._used
@@ -283,7 +283,7 @@ class Map(Part):
             origin = Pose2D.from_message(area.origin)
             mask = await grid(self._context, area.keepout_png, area.resolution, origin)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(SceneData, f"no keepout_mask, {error}")
+            self._context.chassis.count_bad_value(SceneData, f"no keepout_mask, {error}")
             return None
         mask.header, mask.info.map_load_time = published.header, published.info.map_load_time
         return mask

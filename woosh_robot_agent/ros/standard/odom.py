@@ -66,11 +66,11 @@ class Odom(Part):
         """Loop time of the last message."""
         self._is_pose_known = False
         """True if the robot has reported its pose since the link became ready."""
-        context.robot.chassis.on_snapshot(self._snapshot)
-        context.robot.chassis.on_state(self._link_changed)
+        context.chassis.on_snapshot(self._snapshot)
+        context.chassis.on_state(self._link_changed)
         for request in (InitRobot, SetRobotPose, SwitchMap):
-            context.robot.chassis.on_accepted(request, self._pose_set)
-        context.robot.chassis.subscribe(PoseSpeed, self._pushed)
+            context.chassis.on_accepted(request, self._pose_set)
+        context.chassis.subscribe(PoseSpeed, self._pushed)
 
     @property
     def map_to_odom(self) -> Pose2D | None:
@@ -109,12 +109,12 @@ class Odom(Part):
             pose = Pose2D.from_message(report.pose)
             check_finite("speed", twist.linear, twist.angular)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(PoseSpeed, str(error))
+            self._context.chassis.count_bad_value(PoseSpeed, str(error))
             return
         now = asyncio.get_running_loop().time()
         odometry = self._odometry
         if not odometry.update(pose, twist.linear, twist.angular, report.map_id, now):
-            self._context.robot.chassis.count_bad_value(
+            self._context.chassis.count_bad_value(
                 PoseSpeed,
                 f"speeds are ignored, because the robot cannot have them: linear {twist.linear:g} "
                 f"m/s, angular {twist.angular:g} rad/s; odom takes them from the poses",
@@ -144,7 +144,7 @@ class Odom(Part):
         """Return True if `share` of the period has passed since `last`, and odom may be sent."""
         if now - last < share / self._rate():
             return False
-        ready = self._is_pose_known and self._context.robot.chassis.state is LinkState.READY
+        ready = self._is_pose_known and self._context.chassis.state is LinkState.READY
         return ready and self._subscribers.present
 
     def _publish_predicted(self) -> None:

@@ -40,17 +40,15 @@ class Part:
 
 
 @dataclass(frozen=True)
-class PartContext:
+class PartContext(RobotContext):
     """The objects that the parts share, and methods that create their ROS entities.
 
     Attributes:
-        robot: the objects shared with the services and actions. The parts run in its link thread.
         watch: observers of what the robot does and who drives it.
         second_agent_detector: warns of a second agent in the same namespace.
         settings: returns the current parameter values.
     """
 
-    robot: RobotContext
     watch: Watch
     second_agent_detector: SecondAgentDetector
     settings: Callable[[], StandardSettings]
@@ -74,7 +72,7 @@ class PartContext:
 
         It is 0 while no time has come on /clock.
         """
-        node = self.robot.node
+        node = self.node
         # rclpy's clock takes a hundred times as long as the system's
         if node.get_parameter("use_sim_time").value:
             return int(node.get_clock().now().nanoseconds)
@@ -91,11 +89,11 @@ class PartContext:
         profile = (latched if endpoint.kind is Kind.LATCHED else reliable)(endpoint.depth)
         if subscribers is not None:
             return subscribers.publisher(class_of(endpoint.type), name, profile)
-        return create_publisher(self.robot.node, class_of(endpoint.type), name, profile)
+        return create_publisher(self.node, class_of(endpoint.type), name, profile)
 
     def subscribers(self) -> Subscribers:
         """Return a new `Subscribers`, which creates publishers and counts their subscribers."""
-        return Subscribers(self.robot.node, self.robot.thread)
+        return Subscribers(self.node, self.thread)
 
     def subscribe(
         self,
@@ -118,8 +116,8 @@ class PartContext:
             urgent: True to receive messages before all other callbacks (`UrgentCallbackGroup`).
         """
         endpoint = BY_NAME[name]
-        call = partial(self._call if in_executor else self.robot.thread.call, callback)
-        self.robot.node.create_subscription(
+        call = partial(self._call if in_executor else self.thread.call, callback)
+        self.node.create_subscription(
             class_of(type_name or endpoint.type),
             name,
             (lambda message, info: call(message, info, time.monotonic())) if with_info else call,
@@ -138,9 +136,9 @@ class PartContext:
             urgent: True to handle requests before all other callbacks (`UrgentCallbackGroup`).
         """
         srv = class_of(BY_NAME[name].type, "srv")
-        DeferredService(self.robot.node, srv, name, handle, urgent=urgent)
+        DeferredService(self.node, srv, name, handle, urgent=urgent)
 
     def _call(self, callback: Callable[..., None], *arguments: Any) -> None:
         """Call a callback in the executor thread; it logs to the node's logger."""
-        log_as(self.robot.node.get_logger())
+        log_as(self.node.get_logger())
         callback(*arguments)

@@ -58,7 +58,7 @@ class Scan(Part):
         """Height of that pose, in metres."""
         self._requests_pose = False
         """True while `_request_pose` runs."""
-        context.robot.chassis.on_state(self._link_changed)
+        context.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
         await self._subscribers.repeat(
@@ -66,19 +66,19 @@ class Scan(Part):
         )
 
     async def _request_if_ready(self, _now: float) -> None:
-        if self._context.robot.chassis.state is LinkState.READY:
+        if self._context.chassis.state is LinkState.READY:
             await self._request()
 
     def _link_changed(self, state: LinkState) -> None:
         if self._tf_static is not None and state is LinkState.READY:
-            self._context.robot.thread.spawn(self._request_pose)
+            self._context.thread.spawn(self._request_pose)
 
     async def _request_pose(self) -> None:
         """Request scans until one has been read, whose pose of the laser is then published."""
         if self._requests_pose:  # since an earlier link
             return
         self._requests_pose = True
-        chassis = self._context.robot.chassis
+        chassis = self._context.chassis
         try:
             while chassis.state is LinkState.READY and not await self._request():
                 await asyncio.sleep(_RETRY_DELAY)
@@ -94,8 +94,8 @@ class Scan(Part):
         loop = asyncio.get_running_loop()
         sent = loop.time()
         try:
-            answer = await self._context.robot.chassis.request(
-                self._context.robot.requests.empty(ScannerDataProto), _TIMEOUT
+            answer = await self._context.chassis.request(
+                self._context.requests.empty(ScannerDataProto), _TIMEOUT
             )
         except LinkError as error:
             self._log.warn("link", f"no scan: {error}")
@@ -114,7 +114,7 @@ class Scan(Part):
         except FrameError:  # the link has counted and logged it
             return False
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(ScannerDataProto, f"no scan, {error}")
+            self._context.chassis.count_bad_value(ScannerDataProto, f"no scan, {error}")
             return False
         self._log.clear()
         return True
@@ -155,7 +155,7 @@ class Scan(Part):
         try:
             check_finite("offset", data.offset.x, data.offset.y, data.offset.z)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(ScannerDataProto, str(error))
+            self._context.chassis.count_bad_value(ScannerDataProto, str(error))
             return
         pose, height = Pose2D(data.offset.x, data.offset.y), data.offset.z
         if (pose, height) == (self._laser_pose, self._laser_height):

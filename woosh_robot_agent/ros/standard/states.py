@@ -127,19 +127,17 @@ class _ValuePart(Part):
         """The last value; None if it is unknown."""
         self._subscribers = context.subscribers()
         self._publisher = context.publisher(name, self._subscribers if rate else None)
-        context.robot.chassis.on_snapshot(self._publish_snapshot, self._convert_snapshot)
+        context.chassis.on_snapshot(self._publish_snapshot, self._convert_snapshot)
         if not is_part_of_info(proto_class):
-            context.robot.chassis.on_state(self._link_changed)
-        context.robot.chassis.subscribe_raw(
-            proto_class, self._publish_converted, self._convert_push
-        )
+            context.chassis.on_state(self._link_changed)
+        context.chassis.subscribe_raw(proto_class, self._publish_converted, self._convert_push)
 
     async def run(self) -> None:
         if self._rate:
             await self._subscribers.repeat(lambda: self._rate, self._republish)
 
     async def _republish(self, _now: float) -> None:
-        if self._context.robot.chassis.state is LinkState.READY and self._last is not None:
+        if self._context.chassis.state is LinkState.READY and self._last is not None:
             last = self._last
             convert = self._convert_or_error
             is_large = last.ByteSize() >= LARGE
@@ -160,14 +158,14 @@ class _ValuePart(Part):
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.READY:
-            self._context.robot.thread.spawn(self._request)
+            self._context.thread.spawn(self._request)
 
     async def _request(self) -> None:
         """Request the first value of a type that is not part of RobotInfo."""
-        request = self._context.robot.requests.empty(self._proto_class)
+        request = self._context.requests.empty(self._proto_class)
         try:
             # `first`: ahead of pending requests, regardless of max_in_flight
-            await self._context.robot.chassis.request(request, first=True, tap=self._answered)
+            await self._context.chassis.request(request, first=True, tap=self._answered)
         except LinkError as error:
             _LOG.debug("cannot request the first %s: %s", self._proto_class.DESCRIPTOR.name, error)
 
@@ -195,7 +193,7 @@ class _ValuePart(Part):
     def _publish_converted(self, converted: tuple[Message, Any]) -> None:
         value, message = converted
         if isinstance(message, ValueError):
-            self._context.robot.chassis.count_bad_value(self._proto_class, str(message))
+            self._context.chassis.count_bad_value(self._proto_class, str(message))
             return
         self._last = value
         self._publisher.publish(message)
@@ -215,4 +213,4 @@ class Connected(Part):
 
     def __init__(self, context: PartContext) -> None:
         publisher = context.publisher("connected")
-        publish_readiness(context.robot.chassis, publisher, lambda ready: Bool(data=ready))
+        publish_readiness(context.chassis, publisher, lambda ready: Bool(data=ready))
