@@ -157,26 +157,8 @@ def map_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
     return {f"{stem}.yaml": text.encode(), f"{stem}.png": png}
 
 
-async def scene_map(
-    chassis: ChassisClient, scene_name: str, map_id: int, map_name: str
-) -> SceneData.Map:
-    """Request a scene, and return one of its maps, which can have many MiB.
-
-    Args:
-        chassis: the link.
-        scene_name: name of the scene.
-        map_id: id of the map, used if no map has the name.
-        map_name: name of the map.
-
-    Raises:
-        LinkError: there is no answer from the chassis.
-        MapError: the chassis sent no such map, or one without an image.
-    """
-    return find_map(await scene_data(chassis, scene_name), map_id, map_name)
-
-
 async def scene_data(chassis: ChassisClient, scene_name: str) -> SceneData:
-    """Request a scene with all of its maps.
+    """Request a scene with all of its maps, which can have many MiB.
 
     Raises:
         LinkError: there is no answer from the chassis.

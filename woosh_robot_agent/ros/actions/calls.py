@@ -74,8 +74,6 @@ class CallActionGoal:
         self._member = member
         self._command: Any = None
         """The command to the chassis; set by `request`."""
-        self._is_cancel = False
-        """True if the command is a cancel; set by `request`."""
         predecessors = context.open_goals.possibly_running(action)
         previous = last_feedback.get(action)
         was_active = previous is not None and previous.state in _ACTIVE
@@ -96,7 +94,6 @@ class CallActionGoal:
             return Order(self._call_action(), self._success)
         if self._command.action == action_pb2.kExecute:
             return self._call_action()
-        self._is_cancel = self._command.action == action_pb2.kCancel
         needs_report = self._is_cancel and not self._may_be_active
         return Order(self._call_action(), self._success, needs_cancel_report=needs_report)
 
@@ -110,6 +107,11 @@ class CallActionGoal:
                 raise
             # nothing may prevent a cancel; a blank command is one, because kCancel is 0
             return self._context.to_proto(type(self._arg)())
+
+    @property
+    def _is_cancel(self) -> bool:
+        """True if `request` has read a command that is a cancel."""
+        return getattr(self._command, "action", None) == action_pb2.kCancel
 
     def cancel_request(self) -> Message:
         return self._call_action(action_pb2.kCancel)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from math import inf
 
 from woosh_robot_agent.link import Answer, LinkError
@@ -13,6 +14,7 @@ from woosh_robot_agent.ros.actions.goal import GoalTiming
 _LOG = logging.getLogger(__name__)
 
 
+@dataclass(eq=False)
 class Cancellation:
     """Forwards the cancel requests of a goal's client to the chassis, one at a time.
 
@@ -22,30 +24,21 @@ class Cancellation:
     while the goal is running: the cancel request for a task does not name the task, and could hit
     another one.
 
-    Args:
+    Attributes:
         name: name of the goal, for the log.
         is_replaced: waits until it is known if a newer goal replaced this one; returns True if so.
         has_begun: returns True if the chassis has reported on the goal.
+        pending: True if a cancel has to be sent.
     """
 
-    def __init__(
-        self,
-        name: str,
-        send: Callable[[], Awaitable[Answer]],
-        is_replaced: Callable[[], Awaitable[bool]],
-        on_accepted: Callable[[], None],
-        on_refused: Callable[[], None],
-        has_begun: Callable[[], bool],
-    ) -> None:
-        self.pending = False
-        """True if a cancel has to be sent."""
-        self._name = name
-        self._send = send
-        self._is_replaced = is_replaced
-        self._on_accepted = on_accepted
-        self._on_refused = on_refused
-        self._has_begun = has_begun
-        self._task: asyncio.Task[None] | None = None
+    name: str
+    send: Callable[[], Awaitable[Answer]]
+    is_replaced: Callable[[], Awaitable[bool]]
+    on_accepted: Callable[[], None]
+    on_refused: Callable[[], None]
+    has_begun: Callable[[], bool]
+    pending: bool = False
+    _task: asyncio.Task[None] | None = None
 
     def send_soon(self) -> None:
         """Send a pending cancel unless one is in flight. Call it only for an accepted goal."""
@@ -60,34 +53,34 @@ class Cancellation:
     async def _run(self) -> None:
         """Send the pending cancel, and decide by the answer if it has to be sent again."""
         while self.pending:  # repeat if the client has asked again, or the goal begun, meanwhile
-            if await self._is_replaced():
+            if await self.is_replaced():
                 return  # the cancel would hit the newer goal, and this one is over
             self.pending = False
-            is_early = not self._has_begun()
+            is_early = not self.has_begun()
             try:
-                answer = await self._send()
+                answer = await self.send()
             except LinkError as error:
                 self.pending = True
                 _LOG.warning(
                     "cannot cancel %s, which is still running; trying again when the chassis "
                     "reports on the goal: %s",
-                    self._name,
+                    self.name,
                     error,
                 )
                 return
             if answer.ok:
-                self._on_accepted()
+                self.on_accepted()
             else:
                 if not is_early:  # otherwise there was nothing to cancel yet
                     _LOG.warning(
                         "the chassis refused to cancel %s, which may still be running: %s",
-                        self._name,
+                        self.name,
                         answer.reason,
                     )
-                self._on_refused()
+                self.on_refused()
             if is_early:  # it may have had no effect
                 self.pending = True
-                if not self._has_begun():
+                if not self.has_begun():
                     return  # sent again with the first report
 
 

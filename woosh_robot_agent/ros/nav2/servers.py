@@ -19,7 +19,7 @@ from woosh_robot_agent.motion import Sender
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
-from woosh_robot_agent.robot.maps import scene_map
+from woosh_robot_agent.robot.maps import find_map, scene_data
 from woosh_robot_agent.robot.readiness import objections_except_busy
 from woosh_robot_agent.ros.bridge import DeferredService, Reply
 from woosh_robot_agent.ros.qos import RARE_QOS
@@ -178,9 +178,8 @@ class MapServer:
         """Return the map that the robot uses; blank if it cannot be read."""
         scene = self._scene
         try:
-            area = await scene_map(
-                self._context.chassis, scene.scene_name, scene.map_id, scene.map_name
-            )
+            data = await scene_data(self._context.chassis, scene.scene_name)
+            area = find_map(data, scene.map_id, scene.map_name)
             origin = Pose2D.from_message(area.origin)
             return await grid(self._context, area.map_png, area.resolution, origin)
         except (LinkError, ValueError) as error:

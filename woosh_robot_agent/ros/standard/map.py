@@ -29,7 +29,13 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.robot.maps import MapError, cells_of, check_resolution_and_origin, scene_map
+from woosh_robot_agent.robot.maps import (
+    MapError,
+    cells_of,
+    check_resolution_and_origin,
+    find_map,
+    scene_data,
+)
 from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
 from woosh_robot_agent.ros.subscribers import Subscribers
@@ -248,7 +254,8 @@ class Map(Part):
         self._not_before = clock() + _RETRY_DELAY
         self._costs_link = False
         try:
-            area = await scene_map(self._context.chassis, used.scene, used.map_id, used.name)
+            scene = await scene_data(self._context.chassis, used.scene)
+            area = find_map(scene, used.map_id, used.name)
         except (LinkError, MapError) as error:
             if isinstance(error, ConnectionLostError | RequestTimeoutError):
                 self._not_before = clock() + self._retry.next()

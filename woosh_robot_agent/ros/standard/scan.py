@@ -52,10 +52,8 @@ class Scan(Part):
         )
         with_tf = settings.publish_tf and settings.publish_laser_tf
         self._tf_static = context.publisher("/tf_static") if with_tf else None
-        self._laser_pose: Pose2D | None = None
-        """Pose of the laser on /tf_static; None before it was published."""
-        self._laser_height = 0.0
-        """Height of that pose, in metres."""
+        self._laser: tuple[Pose2D, float] | None = None
+        """Pose of the laser on /tf_static, and its height; None before it was published."""
         self._requests_pose = False
         """True while `_request_pose` runs."""
         context.chassis.on_state(self._link_changed)
@@ -158,9 +156,9 @@ class Scan(Part):
             self._context.chassis.count_bad_value(ScannerDataProto, str(error))
             return
         pose, height = Pose2D(data.offset.x, data.offset.y), data.offset.z
-        if (pose, height) == (self._laser_pose, self._laser_height):
+        if (pose, height) == self._laser:
             return
-        self._laser_pose, self._laser_height = pose, height
+        self._laser = pose, height
         frame = self._context.frame
         message = transforms(self._context.now(), (frame("base"), frame("scan"), pose))
         message.transforms[0].transform.translation.z = height
