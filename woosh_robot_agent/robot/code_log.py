@@ -33,10 +33,7 @@ class CodeLog:
     """Logs warnings and faults of the chassis, each status code once while it lasts.
 
     A code lasts while AbnormalCodes contains it. Any other code lasts until it has not been sent
-    for `QUIET` seconds.
-
-    Args:
-        chassis: the link; used in its event loop only.
+    for `QUIET` seconds. Used in the event loop of the link.
     """
 
     def __init__(self, chassis: ChassisClient) -> None:
@@ -89,12 +86,7 @@ GOAL_CANCEL = "the cancel of a goal"
 
 
 class RefusalLog:
-    """Logs each refusal of a command with its reason, once until a command of its name succeeds.
-
-    Args:
-        gate: sender of the commands.
-        explainer: finds the reasons.
-    """
+    """Logs each refusal of a command with its reason, once until a command of its name succeeds."""
 
     def __init__(self, gate: MotionGate, explainer: RefusalExplainer) -> None:
         self._explainer = explainer

@@ -58,12 +58,7 @@ _MAX_REFUSALS = 50
 
 
 class RefusalExplainer:
-    """Finds the reason of a refusal. Used in the event loop of the link.
-
-    Args:
-        chassis: the link.
-        last_known: last values that the chassis reported.
-    """
+    """Finds the reason of a refusal. Used in the event loop of the link."""
 
     def __init__(self, chassis: ChassisClient, last_known: LastKnown) -> None:
         self._last_known = last_known

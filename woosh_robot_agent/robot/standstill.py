@@ -149,12 +149,7 @@ class Standstill:
     Commands are the velocities, tasks and driving actions that pass the motion gate. A task or
     action is observed until the robot first moves. While the chassis reports that it waits, is
     paused, charges or handles goods, the robot may stand. After a stop, a pause, a cancel and the
-    end of the task or action, no movement is expected.
-
-    Args:
-        chassis: the link; used in its event loop only.
-        gate: sender of the commands.
-        last_known: last values that the chassis reported.
+    end of the task or action, no movement is expected. Used in the event loop of the link.
     """
 
     def __init__(self, chassis: ChassisClient, gate: MotionGate, last_known: LastKnown) -> None:

@@ -17,10 +17,6 @@ class Watch:
     """All observers of one robot. Used in the event loop of the link.
 
     Args:
-        chassis: the link.
-        gate: sender of the agent's commands.
-        last_known: last values that the chassis reported.
-        explainer: finds the reasons of refusals.
         goals: returns the names of the goals that the chassis executes.
 
     Attributes:

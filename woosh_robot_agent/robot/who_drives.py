@@ -58,9 +58,6 @@ class VelocitySources:
 
     A source drives from its first velocity until it sends a zero, or nothing for `OVERLAP`.
 
-    Args:
-        gate: the gate.
-
     Attributes:
         last: source of the last accepted velocity, zero included; empty before the first.
         last_time: monotonic time of that velocity.
@@ -258,10 +255,6 @@ class WhoDrives:
     """Finds out what drives the robot. Used in the event loop of the link.
 
     Args:
-        chassis: the link.
-        gate: sender of the agent's commands.
-        last_known: last values that the chassis reported.
-        velocities: the sources of velocities.
         goals: returns the names of the goals that the chassis executes, e.g. `task 17` or
             `task set 4`.
     """
