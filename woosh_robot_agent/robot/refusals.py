@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 
 from google.protobuf.message import Message
 
@@ -217,61 +216,57 @@ _STEP = "woosh.ros.action.StepControl"
 _CHARGE = "woosh.ros.action.ChargeControl"
 _MOVE = "woosh.ros.action.MoveBase"
 
-_STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProxyType(
-    {
-        **dict.fromkeys((*TASK_TYPES, *_LIFTS, _STEP, _CHARGE, _MOVE), _for_task),
-        "woosh.robot.Follow": _for_task,
-        "woosh.robot.Twist": partial(_busy_or_among, (EMERGENCY_STOP, MAINTENANCE)),
-        "woosh.robot.ActionOrder": _for_order,
-        "woosh.robot.ChangeNavPath": _for_navigation,
-        "woosh.robot.ChangeNavMode": _for_navigation,
-        "woosh.ros.action.NavigationMode": _for_navigation,
-        "woosh.robot.InitRobot": partial(_busy_or_among, _STOP_OR_MODE),
-        "woosh.robot.SwitchMap": partial(_busy_or_among, _STOP_OR_MODE),
-        "woosh.robot.SwitchWorkMode": partial(_busy_or_among, _STOP_OR_MODE),
-        "woosh.robot.SwitchControlMode": partial(_among, CONTROL_MODES),
-        "woosh.robot.BuildMap": _for_mapping,
-        "woosh.robot.Deployment": _for_deployment,
-    }
-)
+_STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = {
+    **dict.fromkeys((*TASK_TYPES, *_LIFTS, _STEP, _CHARGE, _MOVE), _for_task),
+    "woosh.robot.Follow": _for_task,
+    "woosh.robot.Twist": partial(_busy_or_among, (EMERGENCY_STOP, MAINTENANCE)),
+    "woosh.robot.ActionOrder": _for_order,
+    "woosh.robot.ChangeNavPath": _for_navigation,
+    "woosh.robot.ChangeNavMode": _for_navigation,
+    "woosh.ros.action.NavigationMode": _for_navigation,
+    "woosh.robot.InitRobot": partial(_busy_or_among, _STOP_OR_MODE),
+    "woosh.robot.SwitchMap": partial(_busy_or_among, _STOP_OR_MODE),
+    "woosh.robot.SwitchWorkMode": partial(_busy_or_among, _STOP_OR_MODE),
+    "woosh.robot.SwitchControlMode": partial(_among, CONTROL_MODES),
+    "woosh.robot.BuildMap": _for_mapping,
+    "woosh.robot.Deployment": _for_deployment,
+}
 """Functions that return the reasons in the robot's state, by type of the request."""
 
 # First digits of status codes that several types of requests have
 _WRONG_VERSION = "14080100001"
 _NOT_AUTOMATIC = "14080100008"
-_CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        **dict.fromkeys(
-            TASK_TYPES,
-            # the second one stands for the ten codes 14080100010 to 14080100019
-            (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026"),
-        ),
-        **dict.fromkeys(_LIFTS, (_NOT_AUTOMATIC, "12400100002", "140502")),
-        _STEP: (_NOT_AUTOMATIC, "12030100002", "140506"),
-        _CHARGE: (_NOT_AUTOMATIC, "12060100002", "140501"),
-        _MOVE: (_NOT_AUTOMATIC, "140304"),
-        "woosh.robot.Twist": (_NOT_AUTOMATIC, "14080100009"),
-        "woosh.robot.Follow": (_NOT_AUTOMATIC, "14080100009"),
-        "woosh.robot.ActionOrder": (_NOT_AUTOMATIC, "14080100027", "14080100028", "14080100029"),
-        "woosh.robot.ChangeNavPath": ("14080100006", "14080100025"),
-        **dict.fromkeys(
-            ("woosh.robot.ChangeNavMode", "woosh.ros.action.NavigationMode"),
-            ("14080100007", "14030100001"),
-        ),
-        "woosh.robot.SwitchWorkMode": ("14080100002", "14080100003"),
-        "woosh.robot.BuildMap": ("14080100004", "14080100005", "140701", "140702", "140703"),
-        "woosh.robot.Deployment": ("14080100010",),
-        "woosh.robot.SwitchMap": ("14080100022", "14070600001", "14070600002", "14070600003"),
-        "woosh.robot.InitRobot": (
-            "14080100023",
-            "14080100024",
-            "14020100001",
-            "14020100002",
-            "14020100003",
-            "14020100004",
-        ),
-    }
-)
+_CODES: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(
+        TASK_TYPES,
+        # the second one stands for the ten codes 14080100010 to 14080100019
+        (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026"),
+    ),
+    **dict.fromkeys(_LIFTS, (_NOT_AUTOMATIC, "12400100002", "140502")),
+    _STEP: (_NOT_AUTOMATIC, "12030100002", "140506"),
+    _CHARGE: (_NOT_AUTOMATIC, "12060100002", "140501"),
+    _MOVE: (_NOT_AUTOMATIC, "140304"),
+    "woosh.robot.Twist": (_NOT_AUTOMATIC, "14080100009"),
+    "woosh.robot.Follow": (_NOT_AUTOMATIC, "14080100009"),
+    "woosh.robot.ActionOrder": (_NOT_AUTOMATIC, "14080100027", "14080100028", "14080100029"),
+    "woosh.robot.ChangeNavPath": ("14080100006", "14080100025"),
+    **dict.fromkeys(
+        ("woosh.robot.ChangeNavMode", "woosh.ros.action.NavigationMode"),
+        ("14080100007", "14030100001"),
+    ),
+    "woosh.robot.SwitchWorkMode": ("14080100002", "14080100003"),
+    "woosh.robot.BuildMap": ("14080100004", "14080100005", "140701", "140702", "140703"),
+    "woosh.robot.Deployment": ("14080100010",),
+    "woosh.robot.SwitchMap": ("14080100022", "14070600001", "14070600002", "14070600003"),
+    "woosh.robot.InitRobot": (
+        "14080100023",
+        "14080100024",
+        "14020100001",
+        "14020100002",
+        "14020100003",
+        "14020100004",
+    ),
+}
 """First digits of the status codes that give the reason of a refusal, by type of the request.
 
 The last digits are left out, because robots report some codes with another level than the table.

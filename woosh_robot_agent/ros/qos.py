@@ -22,11 +22,6 @@ DDS reserves memory by the depth: an action with `SERVICE_QOS` and `FEEDBACK_QOS
 more."""
 
 
-def reliable(depth: int) -> QoSProfile:
-    """Return the profile of a reliable topic with a queue of `depth` messages, ROS's default."""
-    return QoSProfile(depth=depth)
-
-
 def latched(depth: int) -> QoSProfile:
     """Return the profile of a latched topic: late subscribers get the last `depth` messages."""
     return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)

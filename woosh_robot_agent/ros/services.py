@@ -7,7 +7,7 @@ import logging
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from google.protobuf.message import Message
 
@@ -79,20 +79,20 @@ class _QueryHandler:
 
     async def _answer(self, request: Any, reply: Reply) -> None:
         try:
-            value = await self._request_value(request)
+            value, is_large = await self._request_value(request)
         except TooManyRequestsError as error:  # the link warns of it, once for all services
             _LOG.debug("%s: %s", self._fallback_text, error)
-            value = await self._last_value()
+            value, is_large = await self._last_value()
         except (BadFieldError, LinkError, _RefusedError, _UnusableAnswerError) as error:
             self._log.warn(type(error).__name__, f"{self._fallback_text}: {error}")
-            value = await self._last_value()
+            value, is_large = await self._last_value()
         else:
             self._log.clear()
-        response = new_message(self._srv.Response, **{self._endpoint.field: value.message})
-        await _send(reply, response, is_large=value.is_large)
+        response = new_message(self._srv.Response, **{self._endpoint.field: value})
+        await _send(reply, response, is_large=is_large)
 
-    async def _request_value(self, request: Any) -> _Value:
-        """Request the value from the chassis.
+    async def _request_value(self, request: Any) -> tuple[Any, bool]:
+        """Request the value from the chassis; return it, and True if sending it may take long.
 
         Raises:
             BadFieldError: the request cannot be converted.
@@ -111,7 +111,7 @@ class _QueryHandler:
             value = await _read(self._convert, answer.raw)
         except FrameError as error:
             raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
-        return _Value(value, answer.raw.is_large)
+        return value, answer.raw.is_large
 
     def _remember(self, answer: Answer) -> None:
         """Keep an answer as the last known value.
@@ -133,11 +133,11 @@ class _QueryHandler:
             return f"{name} answers blank, because no value is known yet"
         return f"{name} answers with the last known value"
 
-    async def _last_value(self) -> _Value:
-        """Return the last known value, or a blank one."""
+    async def _last_value(self) -> tuple[Any, bool]:
+        """Return the last known value, or a blank one, and True if sending it may take long."""
         last = self._robot.last_known.get(self._endpoint.request) or self._proto()
         if last.ByteSize() < _LARGE_VALUE:
-            return _Value(self._convert.to_ros(last), is_large=False)
+            return self._convert.to_ros(last), False
         if self._converting is None or self._converting[0] is not last:
             # all calls that come while it is converted share the result
             task = start_task(
@@ -145,7 +145,7 @@ class _QueryHandler:
             )
             self._converting = (last, task)
             task.add_done_callback(self._conversion_ended)
-        return _Value(await asyncio.shield(self._converting[1]), is_large=True)
+        return await asyncio.shield(self._converting[1]), True
 
     def _conversion_ended(self, task: asyncio.Task[Any]) -> None:
         if self._converting is not None and self._converting[1] is task:
@@ -163,15 +163,6 @@ class _QueryHandler:
             return self._robot.requests.make(self._convert, request.arg)
         except BadFieldError as error:
             raise error.below("arg") from None
-
-
-class _Value(NamedTuple):
-    """The value that a query is answered with."""
-
-    message: Any
-    """The value as a ROS message."""
-    is_large: bool
-    """True if sending the value may take long."""
 
 
 class _RefusedError(Exception):

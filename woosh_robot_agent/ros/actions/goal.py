@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from types import MappingProxyType
 from typing import Protocol
 
 from google.protobuf.message import Message
@@ -61,19 +60,17 @@ class Step(Enum):
     END = "end"
 
 
-TRANSITIONS: Mapping[tuple[Phase, Step], Phase] = MappingProxyType(
-    {
-        (Phase.NEW, Step.START_SENT): Phase.STARTING,
-        (Phase.NEW, Step.ORDER_SENT): Phase.ORDERING,
-        (Phase.STARTING, Step.ACCEPTED): Phase.RUNNING,
-        (Phase.STARTING, Step.REPORT): Phase.REPORTED,
-        (Phase.STARTING, Step.ANSWER_LOST): Phase.UNCONFIRMED,
-        (Phase.REPORTED, Step.ACCEPTED): Phase.RUNNING,
-        (Phase.REPORTED, Step.ANSWER_LOST): Phase.RUNNING,
-        (Phase.UNCONFIRMED, Step.REPORT): Phase.RUNNING,
-        **{(phase, Step.END): Phase.ENDED for phase in Phase if phase is not Phase.ENDED},
-    }
-)
+TRANSITIONS: Mapping[tuple[Phase, Step], Phase] = {
+    (Phase.NEW, Step.START_SENT): Phase.STARTING,
+    (Phase.NEW, Step.ORDER_SENT): Phase.ORDERING,
+    (Phase.STARTING, Step.ACCEPTED): Phase.RUNNING,
+    (Phase.STARTING, Step.REPORT): Phase.REPORTED,
+    (Phase.STARTING, Step.ANSWER_LOST): Phase.UNCONFIRMED,
+    (Phase.REPORTED, Step.ACCEPTED): Phase.RUNNING,
+    (Phase.REPORTED, Step.ANSWER_LOST): Phase.RUNNING,
+    (Phase.UNCONFIRMED, Step.REPORT): Phase.RUNNING,
+    **{(phase, Step.END): Phase.ENDED for phase in Phase if phase is not Phase.ENDED},
+}
 """The phase after a step. A step that is not listed changes nothing."""
 
 

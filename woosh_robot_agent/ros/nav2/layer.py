@@ -49,8 +49,6 @@ class Nav2Layer:
     after that, so that most servers are created while the link connects.
 
     Args:
-        standard: the context of the standard layer.
-        actions: runs the goals of the chassis.
         map_to_odom: returns the pose of the odometry's frame in the map; None if it is unknown.
         result_timeout: time for which the results of goals are kept, in seconds.
 

@@ -81,13 +81,11 @@ class GoalPose(Part):
         self._log = LogOnce(_LOG)
         self._action = class_of(_MOVE_BASE.action, "action")
         self._client = ActionClient(context.node, self._action, _MOVE_BASE.name)
-        self._newest = 0
-        """Number of the newest goal_pose."""
         self._handles: list[Any] = []
         """rclpy's handles of the active goals, oldest first. The robot may have refused the newest
         one, and still execute the one before."""
-        self._sending = False
-        """True from a goal_pose until the action server has answered its goal."""
+        self._sending: Any = None
+        """rclpy's future of the answer to the newest goal; None once it has come."""
         self._waiting_cancels: list[Reply] = []
         """Cancel requests that wait until the action server has answered the newest goal."""
         self._clock = SenderClock()
@@ -115,11 +113,8 @@ class GoalPose(Part):
         if not self._client.server_is_ready():  # the goal would be lost without an answer
             _LOG.error("goal_pose is ignored: the agent is still starting; send it again")
             return
-        self._newest += 1
-        number = self._newest
-        self._sending = True
-        response = self._client.send_goal_async(self._goal(pose))
-        response.add_done_callback(lambda future: self._goal_answered(number, future))
+        self._sending = self._client.send_goal_async(self._goal(pose))
+        self._sending.add_done_callback(self._goal_answered)
 
     def _goal(self, pose: Pose2D) -> Any:
         goal = self._action.Goal()
@@ -129,13 +124,13 @@ class GoalPose(Part):
         goal.arg.target_pose.theta = pose.theta
         return goal
 
-    def _goal_answered(self, number: int, future: Any) -> None:
+    def _goal_answered(self, future: Any) -> None:
         """Keep an accepted goal until it ends; run the cancels that waited for the newest goal."""
         handle = future.result()
         if handle.accepted:
             self._handles.append(handle)
-        if number == self._newest:
-            self._sending = False
+        if future is self._sending:
+            self._sending = None
             for reply in self._waiting_cancels:
                 self._cancel(reply)
             self._waiting_cancels.clear()
@@ -155,7 +150,7 @@ class GoalPose(Part):
             _LOG.info("goal_pose was reached")
 
     def _cancel_requested(self, _request: Any, reply: Reply) -> None:
-        if self._sending:
+        if self._sending is not None:
             self._waiting_cancels.append(reply)
         else:
             self._cancel(reply)

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
 from woosh_robot_agent.convert.mapping import class_of
@@ -18,7 +19,7 @@ from woosh_robot_agent.ros.bridge import DeferredService, Reply
 from woosh_robot_agent.ros.context import RobotContext
 from woosh_robot_agent.ros.entities import UrgentCallbackGroup
 from woosh_robot_agent.ros.logs import log_as
-from woosh_robot_agent.ros.qos import latched, reliable
+from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.ros.second_agent import SecondAgentDetector
 from woosh_robot_agent.ros.standard_endpoints import BY_NAME, Kind
 from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher
@@ -86,7 +87,8 @@ class PartContext(RobotContext):
                 stop while there are none.
         """
         endpoint = BY_NAME[name]
-        profile = (latched if endpoint.kind is Kind.LATCHED else reliable)(endpoint.depth)
+        depth = endpoint.depth
+        profile = latched(depth) if endpoint.kind is Kind.LATCHED else QoSProfile(depth=depth)
         if subscribers is not None:
             return subscribers.publisher(class_of(endpoint.type), name, profile)
         return create_publisher(self.node, class_of(endpoint.type), name, profile)
@@ -121,7 +123,7 @@ class PartContext(RobotContext):
             class_of(type_name or endpoint.type),
             name,
             (lambda message, info: call(message, info, time.monotonic())) if with_info else call,
-            reliable(endpoint.depth),
+            endpoint.depth,
             callback_group=UrgentCallbackGroup() if urgent else None,
         )
 

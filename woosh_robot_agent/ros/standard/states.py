@@ -16,7 +16,7 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
 from woosh_robot_agent.convert.cdr import HEADER_SIZE, serialize
-from woosh_robot_agent.link import Answer, Body, LinkError, LinkState
+from woosh_robot_agent.link import Answer, LinkError, LinkState
 from woosh_robot_agent.link.tasks import LARGE, aside
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
 from woosh_robot_agent.robot.last_known import is_part_of_info, parts_of
@@ -130,7 +130,11 @@ class _ValuePart(Part):
         context.chassis.on_snapshot(self._publish_snapshot, self._convert_snapshot)
         if not is_part_of_info(proto_class):
             context.chassis.on_state(self._link_changed)
-        context.chassis.subscribe_raw(proto_class, self._publish_converted, self._convert_push)
+        context.chassis.subscribe_raw(
+            proto_class,
+            self._publish_converted,
+            lambda body: self._convert_or_error(body.message()),
+        )
 
     async def run(self) -> None:
         if self._rate:
@@ -174,9 +178,6 @@ class _ValuePart(Part):
         is_usable = answer.ok and not answer.is_outdated
         if is_usable and isinstance(answer.body, self._proto_class):
             self._publish_converted(self._convert_or_error(answer.body))
-
-    def _convert_push(self, body: Body) -> tuple[Message, Any]:
-        return self._convert_or_error(body.message())
 
     def _convert_or_error(self, value: Message) -> tuple[Message, Any]:
         """Return a value, and its serialized ROS message or the ValueError of its conversion.
