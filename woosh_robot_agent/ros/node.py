@@ -205,14 +205,11 @@ class Agent:
         """Current values of the parameters."""
         return self.node.settings
 
-    def debug(self, timeout: float = _DEBUG_TIMEOUT) -> dict[str, Any]:
+    def debug(self) -> dict[str, Any]:
         """Return the state of the agent, the sizes of its queues, and its counters.
 
         For debugging and for tests: keys may be added at any time. May be called from any thread
         except the link thread.
-
-        Args:
-            timeout: time that the link thread gets to answer, in seconds.
 
         Returns:
             `state`: The state of the link.
@@ -227,7 +224,7 @@ class Agent:
         Raises:
             TimeoutError: the link thread did not answer in time.
         """
-        return self.robot.thread.run(self._debug(), timeout)
+        return self.robot.thread.run(self._debug(), _DEBUG_TIMEOUT)
 
     async def _debug(self) -> dict[str, Any]:
         tasks = asyncio.all_tasks() - {asyncio.current_task()}

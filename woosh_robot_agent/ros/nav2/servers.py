@@ -21,7 +21,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
 from woosh_robot_agent.robot.maps import find_map, scene_data
 from woosh_robot_agent.robot.readiness import objections_except_busy
-from woosh_robot_agent.ros.bridge import DeferredService, Reply
+from woosh_robot_agent.ros.bridge import Reply
 from woosh_robot_agent.ros.qos import RARE_QOS
 from woosh_robot_agent.ros.standard.map import grid
 from woosh_robot_agent.ros.standard.part import PartContext
@@ -214,17 +214,14 @@ def create_service(
     Args:
         answer: fills the response to a request, in the link thread.
     """
-    service_class = class_of(BY_NAME[name].type, "srv")
+    response_class = class_of(BY_NAME[name].type, "srv").Response
 
     async def work(request: Any, reply: Reply) -> None:
-        response = service_class.Response()
+        response = response_class()
         await answer(request, response)
         reply.send(response)
 
-    DeferredService(
-        context.node,
-        service_class,
-        name,
-        lambda request, reply: context.thread.spawn(partial(work, request, reply), reply.fail),
-        qos=RARE_QOS,
-    )
+    def handle(request: Any, reply: Reply) -> None:
+        context.thread.spawn(partial(work, request, reply), reply.fail)
+
+    context.service(name, handle, qos=RARE_QOS)

@@ -127,18 +127,16 @@ class PartContext(RobotContext):
             callback_group=UrgentCallbackGroup() if urgent else None,
         )
 
-    def service(
-        self, name: str, handle: Callable[[Any, Reply], None], *, urgent: bool = False
-    ) -> None:
+    def service(self, name: str, handle: Callable[[Any, Reply], None], **options: Any) -> None:
         """Create a service in `standard_endpoints.BY_NAME`.
 
         Args:
             handle: called with each request and its `Reply` in the executor thread; must not block.
                 The response may be sent later.
-            urgent: True to handle requests before all other callbacks (`UrgentCallbackGroup`).
+            options: `urgent` and `qos` of `DeferredService`.
         """
         srv = class_of(BY_NAME[name].type, "srv")
-        DeferredService(self.node, srv, name, handle, urgent=urgent)
+        DeferredService(self.node, srv, name, handle, **options)
 
     def _call(self, callback: Callable[..., None], *arguments: Any) -> None:
         """Call a callback in the executor thread; it logs to the node's logger."""
