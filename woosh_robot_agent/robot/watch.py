@@ -18,11 +18,6 @@ class Watch:
 
     Args:
         goals: returns the names of the goals that the chassis executes.
-
-    Attributes:
-        velocities: the sources of velocities.
-        standstill: detects commands that do not move the robot.
-        who_drives: finds out what drives the robot.
     """
 
     def __init__(

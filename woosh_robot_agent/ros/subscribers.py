@@ -152,14 +152,10 @@ def _next_poll(now: float) -> float:
 
 
 class _Repetition:
-    """Work that is repeated while there are subscribers.
+    """Work that is repeated while there are subscribers, for `Subscribers.repeat`.
 
     A timer starts the work directly: a task that waits for the timer would need another turn of
     the event loop.
-
-    Args:
-        rate: returns the current rate, in Hz.
-        work: called with the loop time. Its exceptions end the repetition.
 
     Attributes:
         ended: future that is done when there are no more subscribers, or the work has failed.

@@ -194,7 +194,7 @@ class GiveUp:
         """
         self._cancel_deadline = inf
 
-    # Results of polls
+    # Results of polls; where a text is returned, it is the reason to give up
 
     def chassis_silent(self, error: object) -> None:
         """Start the deadline: the chassis sent nothing at all while it was polled."""
@@ -207,9 +207,6 @@ class GiveUp:
 
         Args:
             has_report: True if any report on the goal has arrived since its start.
-
-        Returns:
-            The reason to give up; None if there is none.
         """
         self._end_silence()
         self._unknown_polls = 0
@@ -228,9 +225,6 @@ class GiveUp:
         Args:
             reason: what the chassis said.
             has_report: True if any report on the goal has arrived since its start.
-
-        Returns:
-            The reason to give up; None if there is none.
         """
         self._end_silence()
         now = self._clock()
@@ -248,9 +242,6 @@ class GiveUp:
 
         Args:
             reason: why the poll was fruitless.
-
-        Returns:
-            The reason to give up; None if there is none.
         """
         if self._deadline is not None:
             return None

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map import storage_edit_pb2
 from woosh_robot_agent.pb.map.mark_pb2 import Storages
@@ -60,15 +59,10 @@ class _Docking(Nav2Action):
         """Return the positions of the chargers in the map, by their marks; {} if none are listed.
 
         Raises:
-            GoalEnd: the chassis does not answer.
+            LinkError: the chassis does not answer.
         """
         robot = self.context.standard
-        try:
-            answer = await robot.chassis.request(
-                robot.requests.address(storage_edit_pb2.Storages())
-            )
-        except LinkError as error:
-            raise GoalEnd(str(error)) from None
+        answer = await robot.chassis.request(robot.requests.address(storage_edit_pb2.Storages()))
         positions: dict[str, tuple[float, float]] = {}
         for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
             pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
@@ -198,8 +192,8 @@ class UndockRobot(_Docking):
         charge, and a robot that a person has plugged in may be anywhere.
 
         Raises:
-            GoalEnd: the robot is in no charger, its pose is unknown, or the chassis does not
-                answer.
+            GoalEnd: the robot is in no charger, or its pose is unknown.
+            LinkError: the chassis does not answer.
         """
         battery = self.context.standard.last_known.value(Battery)
         if battery is not None and battery.charge_state == Battery.kAuto:
@@ -220,16 +214,14 @@ class UndockRobot(_Docking):
 
         Raises:
             GoalEnd: the chassis does not cancel the task, or the goal has ended before.
+            LinkError: the chassis does not answer.
         """
         robot = self.context.standard
         if not self._has_charging_task():
             return
-        try:
-            answer = await goal.run(
-                robot.gate.request(ActionOrder(order=action.kCancel)), "cancel of the charging task"
-            )
-        except LinkError as error:
-            raise GoalEnd(str(error)) from None
+        answer = await goal.run(
+            robot.gate.request(ActionOrder(order=action.kCancel)), "cancel of the charging task"
+        )
         if not answer.ok and self._has_charging_task():
             raise GoalEnd(f"the chassis refused to end the charging task: {answer.reason}")
         await goal.wait_until(lambda: not self._has_charging_task())

@@ -20,6 +20,7 @@ from builtin_interfaces.msg import Duration
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
@@ -522,6 +523,7 @@ class Nav2Action(ABC):
 
         Raises:
             GoalEnd: the goal is not reached.
+            LinkError: the goal is not reached, because the chassis does not answer.
         """
 
     async def stop(self) -> None:
@@ -557,9 +559,9 @@ class Nav2Action(ABC):
             await self._slot.take(goal)
             await self.execute(goal)
             reason = None
-        except GoalEnd as end:
-            reason = end
-            if end.outcome is Outcome.ABORTED:
+        except (GoalEnd, LinkError) as end:
+            reason = end if isinstance(end, GoalEnd) else GoalEnd(str(end))
+            if reason.outcome is Outcome.ABORTED:
                 level = logging.INFO if str(end) == _REPLACED else logging.WARNING
                 _LOG.log(level, "%s: the goal is aborted: %s", self.name, end)
         except Exception as error:
