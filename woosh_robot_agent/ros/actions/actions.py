@@ -135,13 +135,15 @@ class Actions:
                 _field_class(action_class.Feedback, "fb"), message_type(action.feedback)
             )
             context = GoalContext(
-                chassis=robot.chassis,
-                gate=robot.gate,
-                last_known=robot.last_known,
+                robot.node,
+                robot.thread,
+                robot.chassis,
+                robot.gate,
+                robot.last_known,
+                robot.requests,
                 open_goals=self._open_goals[action.member],
                 timing=lambda: replace(self.timing, link_timeout=link_timeout()),
                 to_proto=partial(robot.requests.make, command),
-                empty=robot.requests.empty,
                 explain=explain,
             )
             make_kind: Callable[..., GoalKind]

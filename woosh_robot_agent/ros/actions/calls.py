@@ -130,7 +130,8 @@ class CallActionGoal:
 
     async def poll(self, on_result: Callable[[PollResult], None]) -> None:
         await self._context.chassis.request(
-            self._context.empty(Feedbacks), tap=lambda answer: on_result(self._read_poll(answer))
+            self._context.requests.empty(Feedbacks),
+            tap=lambda answer: on_result(self._read_poll(answer)),
         )
 
     def _read_poll(self, answer: Answer) -> PollResult:

@@ -15,16 +15,14 @@ from google.protobuf.message import Message
 from woosh_robot_agent.convert import BadFieldError
 from woosh_robot_agent.link import (
     Answer,
-    ChassisClient,
     ConnectionLostError,
     LinkError,
     LinkState,
     RequestTimeoutError,
 )
 from woosh_robot_agent.link.tasks import run_with_timeout
-from woosh_robot_agent.motion import MotionGate, Sender
+from woosh_robot_agent.motion import Sender
 from woosh_robot_agent.robot.code_log import GOAL_CANCEL
-from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.ros.actions.giving_up import Cancellation, GiveUp
 from woosh_robot_agent.ros.actions.goal import (
     TRANSITIONS,
@@ -48,6 +46,7 @@ from woosh_robot_agent.ros.actions.goal import (
     Step,
     Tick,
 )
+from woosh_robot_agent.ros.context import RobotContext
 
 _LOG = logging.getLogger(__name__)
 _CHECK_PERIOD = 0.1
@@ -66,23 +65,15 @@ _NO_REASON = "the chassis refused the goal without giving a reason"
 
 
 @dataclass(frozen=True)
-class GoalContext:
+class GoalContext(RobotContext):
     """Objects shared by the goals of one action; used in the link thread only."""
 
-    chassis: ChassisClient
-    """The link, for polls."""
-    gate: MotionGate
-    """Sends commands."""
-    last_known: LastKnown
-    """Last values that the chassis reported."""
     open_goals: OpenGoals
     """The open goals of the action, and of other actions if their goals replace each other."""
     timing: Callable[[], GoalTiming]
     """Returns the timing of a goal that starts now."""
     to_proto: Callable[[Any], Message]
     """Converts the command of a goal, as its client gave it, to a message for the chassis."""
-    empty: Callable[[type[Message]], Message]
-    """Makes an empty request of a message class."""
     explain: Callable[[str], Awaitable[str]]
     """Returns why the chassis has just refused a request, given its type; empty if unknown."""
 

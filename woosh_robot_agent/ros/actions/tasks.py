@@ -81,7 +81,7 @@ class _TasksGoal(ABC):
             if self._is_own(current):
                 on_result(self._read_current(current))
 
-        chassis, empty = self._context.chassis, self._context.empty
+        chassis, empty = self._context.chassis, self._context.requests.empty
         answer = await chassis.request(empty(TaskProc), tap=current_received)
         task = answer.body
         # `current_received` may still be queued behind pushes, so this is also decided here
