@@ -52,7 +52,7 @@ class _Docking(Nav2Action):
     @property
     def is_charging(self) -> bool:
         """True if the robot reports that it is charging."""
-        battery = self.context.standard.last_known.value(Battery)
+        battery = self.context.last_known.value(Battery)
         return battery is not None and is_charging(battery)
 
     async def chargers(self) -> dict[str, tuple[float, float]]:
@@ -61,8 +61,9 @@ class _Docking(Nav2Action):
         Raises:
             LinkError: the chassis does not answer.
         """
-        robot = self.context.standard
-        answer = await robot.chassis.request(robot.requests.address(storage_edit_pb2.Storages()))
+        answer = await self.context.chassis.request(
+            self.context.requests.address(storage_edit_pb2.Storages())
+        )
         positions: dict[str, tuple[float, float]] = {}
         for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
             pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
@@ -195,7 +196,7 @@ class UndockRobot(_Docking):
             GoalEnd: the robot is in no charger, or its pose is unknown.
             LinkError: the chassis does not answer.
         """
-        battery = self.context.standard.last_known.value(Battery)
+        battery = self.context.last_known.value(Battery)
         if battery is not None and battery.charge_state == Battery.kAuto:
             return
         here = self.context.pose.pose
@@ -216,11 +217,11 @@ class UndockRobot(_Docking):
             GoalEnd: the chassis does not cancel the task, or the goal has ended before.
             LinkError: the chassis does not answer.
         """
-        robot = self.context.standard
         if not self._has_charging_task():
             return
         answer = await goal.run(
-            robot.gate.request(ActionOrder(order=action.kCancel)), "cancel of the charging task"
+            self.context.gate.request(ActionOrder(order=action.kCancel)),
+            "cancel of the charging task",
         )
         if not answer.ok and self._has_charging_task():
             raise GoalEnd(f"the chassis refused to end the charging task: {answer.reason}")
@@ -228,5 +229,5 @@ class UndockRobot(_Docking):
 
     def _has_charging_task(self) -> bool:
         """Return True while the chassis executes a charging task."""
-        report = self.context.standard.last_known.value(TaskProc)
+        report = self.context.last_known.value(TaskProc)
         return report is not None and report.type == task.kCharge and is_unfinished(report)

@@ -444,11 +444,9 @@ class Slot:
 
 
 @dataclass(frozen=True)
-class Nav2Context:
+class Nav2Context(PartContext):
     """The objects that Nav2's actions share."""
 
-    standard: PartContext
-    """The context of the standard layer: the node, the link thread, settings and frames."""
     actions: Actions
     """Runs the goals of the chassis."""
     frames: Frames
@@ -465,7 +463,7 @@ class Nav2Context:
     @property
     def objections_except_busy(self) -> list[Objection]:
         """The reasons for which the robot rejects tasks now, except for its present task."""
-        info = self.standard.last_known.value(RobotInfo)
+        info = self.last_known.value(RobotInfo)
         return [] if info is None else objections_except_busy(info)
 
 
@@ -487,10 +485,9 @@ class Nav2Action(ABC):
         """The goals that have not ended, by the asyncio task that runs the goal."""
         self._logged_fields: set[str] = set()
         """Fields of which `log_unused` has logged that they have no effect."""
-        robot = context.standard
         self.server = GoalServer(
-            robot.node,
-            robot.thread,
+            context.node,
+            context.thread,
             self.action_type,
             self.name,
             self._start,

@@ -68,7 +68,13 @@ class Nav2Layer:
         driving, gate = Slot(), standard.gate
         gate.on_stop(driving.stop_called)
         self._context = Nav2Context(
-            standard, actions, frames, pose, driving, CancelLog(gate), result_timeout
+            **vars(standard),
+            actions=actions,
+            frames=frames,
+            pose=pose,
+            driving=driving,
+            cancels=CancelLog(gate),
+            result_timeout=result_timeout,
         )
         self._teleop = AssistedTeleop(self._context)
         self._actions: list[Nav2Action] = [self._teleop]
@@ -76,14 +82,14 @@ class Nav2Layer:
 
     def start(self) -> None:
         """Create the other actions and the services, and start AssistedTeleop."""
-        standard = self._context.standard
+        context = self._context
         for action in _ACTIONS:
             if hasattr(nav2_actions, BY_NAME[action.name].type.partition("/")[2]):
                 self._actions.append(action(self._context))
-        Lifecycle(standard)
-        MapServer(standard)
-        Costmaps(standard)
-        standard.thread.spawn(partial(keep_running, self._teleop.run, self._teleop.name))
+        Lifecycle(context)
+        MapServer(context)
+        Costmaps(context)
+        context.thread.spawn(partial(keep_running, self._teleop.run, self._teleop.name))
 
     @property
     def open_goals(self) -> int:

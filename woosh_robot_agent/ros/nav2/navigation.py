@@ -83,7 +83,7 @@ class Progress:
 
     def __init__(self, context: Nav2Context, stops: Sequence[PoseStamped]) -> None:
         self._robot_pose = context.pose
-        self._last_known = context.standard.last_known
+        self._last_known = context.last_known
         self._stops = [from_pose(each.pose) for each in stops]
         """The poses that are still to be passed, the goal last."""
         self._goal = self._stops[-1]
