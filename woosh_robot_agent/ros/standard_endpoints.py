@@ -39,11 +39,6 @@ class StandardEndpoint:
     meaning: str
     depth: int = 1
 
-    @property
-    def is_output(self) -> bool:
-        """True for a topic that the agent publishes."""
-        return self.kind in (Kind.STREAM, Kind.LATCHED)
-
 
 _stream = partial(StandardEndpoint, Kind.STREAM)
 _latched = partial(StandardEndpoint, Kind.LATCHED)

@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 from google.protobuf.message import Message
@@ -222,7 +223,8 @@ class Actions:
     @property
     def accepted_goals(self) -> list[str]:
         """Names of the open goals that the chassis has accepted; in the link thread."""
-        return [name for each in self._open_goals.values() for name in each.accepted_names]
+        open_goals = chain.from_iterable(self._open_goals.values())
+        return [goal.name for goal in open_goals if goal.was_accepted]
 
     @staticmethod
     def _start_for_ros_client(
@@ -271,8 +273,8 @@ class Actions:
             self._post(LinkChanged(is_ready))
 
     def _post(self, event: Event) -> None:
-        for open_goals in self._open_goals.values():
-            open_goals.post(event)
+        for goal in chain.from_iterable(self._open_goals.values()):
+            goal.post(event)
 
 
 def _field_class(message_class: Any, name: str) -> Any:

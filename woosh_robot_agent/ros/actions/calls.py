@@ -94,7 +94,8 @@ class CallActionGoal:
             return Order(self._call_action(), self._success)
         if self._command.action == action_pb2.kExecute:
             return self._call_action()
-        needs_report = self._is_cancel and not self._may_be_active
+        is_cancel = self._command.action == action_pb2.kCancel
+        needs_report = is_cancel and not self._may_be_active
         return Order(self._call_action(), self._success, needs_cancel_report=needs_report)
 
     def _read_command(self) -> Message:
@@ -107,11 +108,6 @@ class CallActionGoal:
                 raise
             # nothing may prevent a cancel; a blank command is one, because kCancel is 0
             return self._context.to_proto(type(self._arg)())
-
-    @property
-    def _is_cancel(self) -> bool:
-        """True if `request` has read a command that is a cancel."""
-        return getattr(self._command, "action", None) == action_pb2.kCancel
 
     def cancel_request(self) -> Message:
         return self._call_action(action_pb2.kCancel)
@@ -151,7 +147,7 @@ class CallActionGoal:
         return self._result(ros_pack_pb2.kRosSuccess, text)
 
     def _result(self, state: ros_pack_pb2.State, text: str) -> Feedback:
-        if self._is_cancel:
+        if getattr(self._command, "action", None) == action_pb2.kCancel:  # a setting has none
             text = f"{text}; {_CANCEL_HINT}" if text else _CANCEL_HINT
         return Feedback(action=self.name, state=state, msg=text)
 

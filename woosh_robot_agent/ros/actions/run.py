@@ -529,19 +529,9 @@ class OpenGoals(list[GoalRun]):
     The chassis executes only one of these goals at a time.
     """
 
-    def post(self, event: Event) -> None:
-        """Queue an event for every goal."""
-        for goal in self:
-            goal.post(event)
-
     def possibly_running(self, name: str) -> int:
         """Return the number of goals of this name that the chassis may be executing."""
         return sum(goal.name == name and goal.was_accepted is not False for goal in self)
-
-    @property
-    def accepted_names(self) -> list[str]:
-        """Names of the goals that the chassis has accepted."""
-        return [goal.name for goal in self if goal.was_accepted]
 
     def replace_older(self, goal: GoalRun) -> None:
         """Tell all older goals that the chassis accepted `goal` in their place."""
