@@ -175,8 +175,8 @@ class Nav2Goal:
         If the agent stood still until then, nobody may want the next command any more."""
         self._reason: asyncio.Future[GoalEnd] = loop.create_future()
         """Why the goal ends; done when something other than the chassis ends it."""
-        self._chassis_goal: AgentGoal | None = None
-        """The goal that the chassis executes for this one now."""
+        self.chassis_goal: AgentGoal | None = None
+        """The goal that the chassis executes for this one now, as far as is known; None if none."""
         self._older: Nav2Goal | None = None
         """The navigation that this goal replaces when the chassis accepts this goal; None without
         one, and once the chassis has decided."""
@@ -187,11 +187,6 @@ class Nav2Goal:
     def elapsed(self) -> float:
         """Time since the goal was accepted, in seconds."""
         return asyncio.get_running_loop().time() - self.started
-
-    @property
-    def is_executing(self) -> bool:
-        """True while the chassis executes a command for the goal, as far as is known."""
-        return self._chassis_goal is not None
 
     @property
     def is_ending(self) -> bool:
@@ -219,8 +214,8 @@ class Nav2Goal:
         """
         self.send_no_more(reason)
         self.is_cancelled = True
-        if self._chassis_goal is not None:
-            self._chassis_goal.cancel()
+        if self.chassis_goal is not None:
+            self.chassis_goal.cancel()
         self._stop_older()
 
     def set_timeout(self, seconds: float, reason: GoalEnd) -> None:
@@ -276,7 +271,7 @@ class Nav2Goal:
         self.raise_if_ending()
         sent = asyncio.get_running_loop().time()
         chassis_goal = self._context.actions.start(command, on_report, self._published)
-        self._chassis_goal = chassis_goal
+        self.chassis_goal = chassis_goal
         chassis_goal.accepted.add_done_callback(self._decided)
         try:
             await self._repeat(tick, chassis_goal.ended, is_done)
@@ -284,7 +279,7 @@ class Nav2Goal:
             chassis_goal.cancel()
             raise
         finally:
-            self._chassis_goal, self._published = None, asyncio.get_running_loop().time()
+            self.chassis_goal, self._published = None, asyncio.get_running_loop().time()
         if not chassis_goal.ended.done():
             return None
         end = chassis_goal.ended.result()
@@ -437,7 +432,7 @@ class Slot:
 
     def stop(self, reason: GoalEnd) -> bool:
         """End the goal that the chassis executes; return False if it executes none."""
-        running = [each for each in self._goals if each.is_executing]
+        running = [each for each in self._goals if each.chassis_goal is not None]
         for each in running:
             each.stop(reason)
         return bool(running)
