@@ -63,10 +63,7 @@ class CmdVel(Part):
     def __init__(self, context: PartContext) -> None:
         self._context = context
         self._driver = VelocityDriver(
-            context.gate,
-            context.chassis,
-            "cmd_vel",
-            lambda: context.settings().velocity_limits,
+            context.gate, context.chassis, "cmd_vel", lambda: context.settings().velocity_limits
         )
         stamped = context.settings().cmd_vel_stamped
         context.subscribe(
