@@ -53,7 +53,7 @@ def entities() -> Iterator[str]:
     for action in ACTIONS:
         yield f"action:{action.action}:{action.name}:0"
     for entry in STANDARD:
-        if entry.part != "tf":
+        if not entry.name.startswith("/tf"):
             kind = _KINDS.get(entry.kind, "publisher")
             yield f"{kind}:{entry.type}:{entry.name}:{entry.depth}"
 

@@ -20,7 +20,7 @@ TIMING = GoalTiming(
 """Deadlines of 8 s, of 16 s after an accepted cancel, and of 4 s for the first report."""
 
 
-UNANSWERED = ("poll_unanswered", "no answer")
+UNANSWERED = ("poll_fruitless", "no answer")
 TOLD = ("poll_answered", True)
 NOTHING = ("poll_answered", False)
 UNKNOWN = ("poll_unknown", "not known", True)
@@ -194,7 +194,7 @@ def test_goal_is_given_up_in_time_and_with_its_reason(
         ("link_lost", ["reset"], True),
         ("answer_lost", ["late"], True),
         ("chassis_silent", ["late"], True),
-        ("poll_unanswered", ["late"], False),
+        ("poll_fruitless", ["late"], False),
         ("cancel_accepted", [], False),
     ],
 )

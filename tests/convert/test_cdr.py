@@ -13,7 +13,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import BatteryState, LaserScan
-from std_msgs.msg import Empty
+from std_msgs.msg import Empty, Header
 
 from tests.convert.random_messages import random_ros
 from tests.convert.type_pairs import PAIRS
@@ -71,12 +71,9 @@ def test_a_type_that_the_robot_does_not_use_is_refused() -> None:
 @pytest.mark.parametrize(("frame", "count"), [("map", 0), ("robot1/map", 1), ("", 2)])
 def test_a_plan_is_a_path_with_a_header_for_each_pose(frame: str, count: int) -> None:
     class Context:
-        def now(self) -> Time:
-            return Time(sec=3, nanosec=4)
-
-        def frame(self, which: str) -> str:
+        def header(self, which: str) -> Header:
             assert which == "map"
-            return frame
+            return Header(stamp=Time(sec=3, nanosec=4), frame_id=frame)
 
     value = NavPath()
     for number in range(count):

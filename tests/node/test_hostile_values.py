@@ -45,7 +45,7 @@ from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
 from woosh_robot_agent.ros.standard import map as map_part
-from woosh_robot_agent.ros.standard_endpoints import STANDARD
+from woosh_robot_agent.ros.standard_endpoints import STANDARD, Kind
 
 NAV_PATH = "woosh.robot.NavPath"
 POSE_SPEED = "woosh.robot.PoseSpeed"
@@ -109,7 +109,7 @@ class Rig:
         for topic in TOPICS:
             self.topics[topic.name] = client.echo(class_of(topic.msg), topic.name)
         for endpoint in STANDARD:
-            if endpoint.is_output:
+            if endpoint.kind in (Kind.STREAM, Kind.LATCHED):
                 self.topics[endpoint.name] = client.echo_with(
                     class_of(endpoint.type), endpoint.name, QoSProfile(depth=100)
                 )
@@ -139,7 +139,9 @@ class Rig:
     def check_topics(self) -> None:
         """Check that the numbers on the topics of the standard layer are finite."""
         for endpoint in STANDARD:
-            if endpoint.is_output and endpoint.name != "battery_state":  # NaN is unknown there
+            if (
+                endpoint.kind in (Kind.STREAM, Kind.LATCHED) and endpoint.name != "battery_state"
+            ):  # NaN is unknown there
                 for message in list(self.topics[endpoint.name].messages):
                     assert all(map(math.isfinite, numbers_of(message))), message
 

@@ -24,7 +24,11 @@ from woosh_robot_msgs.srv import TaskHistory
 HOUR = 3600.0
 OFFSET = 41 * HOUR
 """Difference between the robot's clock and the real one, in seconds."""
-STAMPED = [entry for entry in STANDARD if entry.is_output and entry.type != "std_msgs/Bool"]
+STAMPED = [
+    entry
+    for entry in STANDARD
+    if entry.kind in (Kind.STREAM, Kind.LATCHED) and entry.type != "std_msgs/Bool"
+]
 """Topics of the standard layer with a stamp."""
 
 

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from woosh_robot_agent.ros.standard.odometry import ReportTime
+from woosh_robot_agent.ros.standard.odometry import report_time
 from woosh_robot_agent.ros.standard.poses import STANDSTILL, Arc, Velocity
 
 PERIOD = 0.204
@@ -25,13 +25,14 @@ def times(delays: list[float], velocity: Velocity = DRIVE, factor: float = 1.0) 
         velocity: velocity of the robot.
         factor: reported speed divided by the true one.
     """
-    clock = ReportTime()
     reported = Velocity(velocity.forward * factor, 0.0, velocity.turn * factor)
-    errors = [clock.first(delays[0])]
+    errors = [delays[0]]
     for number, delay in enumerate(delays[1:], 1):
         true = number * PERIOD
-        received = max(true + delay, errors[-1] + true - PERIOD)
-        errors.append(clock.next(received, arc(PERIOD, velocity), reported, reported) - true)
+        last = errors[-1] + true - PERIOD
+        received = max(true + delay, last)
+        time = report_time(received, last, arc(PERIOD, velocity), reported, reported)
+        errors.append(time - true)
     return errors
 
 
@@ -61,25 +62,20 @@ def test_a_very_long_delay_is_not_corrected() -> None:
 
 def test_the_estimate_is_never_after_the_receipt_and_never_goes_back() -> None:
     rng = random.Random(1)
-    clock, last = ReportTime(), 0.0
-    clock.first(0.0)
-    received = 0.0
+    received = last = 0.0
     for _ in range(1000):
         received += rng.choice([0.0, 0.001, PERIOD, 0.3, 3.0])
         velocities = [Velocity(rng.uniform(-1, 1), 0.0, rng.uniform(-1, 1)) for _ in range(2)]
         moved = Arc(rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-1, 1))
-        time = clock.next(received, moved, *velocities)
+        time = report_time(received, last, moved, *velocities)
         assert last <= time <= received
         last = time
 
 
 def test_a_robot_that_stood_has_no_known_duration() -> None:
-    clock = ReportTime()
-    clock.first(0.0)
-    assert clock.next(0.2, arc(0.01), STANDSTILL, DRIVE) == 0.2
+    assert report_time(0.2, 0.0, arc(0.01), STANDSTILL, DRIVE) == 0.2
 
 
 def test_a_slow_robot_has_no_known_duration() -> None:
-    clock, slow = ReportTime(), Velocity(0.05)
-    clock.first(0.0)
-    assert clock.next(0.3, arc(0.2, slow), slow, slow) == 0.3
+    slow = Velocity(0.05)
+    assert report_time(0.3, 0.0, arc(0.2, slow), slow, slow) == 0.3

@@ -8,8 +8,9 @@ from typing import Any
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.convert import to_proto, to_ros
 from woosh_robot_agent.convert.mapping import mirrored_fields
+from woosh_robot_agent.convert.to_proto import filler
+from woosh_robot_agent.convert.to_ros import JSON, PROTO, Make, maker
 from woosh_robot_agent.link.codecs.json_codec import from_json
 from woosh_robot_agent.link.frames import Body
 
@@ -33,20 +34,17 @@ class Converter:
         mirrored_fields(ros_class, proto_class)  # raises TypeError
 
     @cached_property
-    def _from_proto(self) -> to_ros.Make:
-        return to_ros.maker(self.ros_class, self.proto_class, to_ros.PROTO)
+    def to_ros(self) -> Make:
+        """Function that returns a new ROS message with the content of a protobuf message."""
+        return maker(self.ros_class, self.proto_class, PROTO)
 
     @cached_property
-    def _from_json(self) -> to_ros.Make:
-        return to_ros.maker(self.ros_class, self.proto_class, to_ros.JSON)
+    def _from_json(self) -> Make:
+        return maker(self.ros_class, self.proto_class, JSON)
 
     @cached_property
     def _fill_proto(self) -> Callable[[Any, Any], None]:
-        return to_proto.filler(self.ros_class, self.proto_class)
-
-    def to_ros(self, message: Any) -> Any:
-        """Return a new ROS message with the content of a protobuf message."""
-        return self._from_proto(message)
+        return filler(self.ros_class, self.proto_class)
 
     def from_json(self, value: object) -> Any:
         """Return a new ROS message with the content of a JSON value.

@@ -20,12 +20,13 @@ class FunctionSource:
 
     Args:
         head: name and arguments of the function, e.g. `fill(p, r)`.
+        names: values that are available to the function, by name.
     """
 
-    def __init__(self, head: str) -> None:
+    def __init__(self, head: str, **names: Any) -> None:
         self._function = head.partition("(")[0]
         self._lines = [f"def {head}:"]
-        self._names: dict[str, Any] = {}
+        self._names = names
 
     def add(self, line: str) -> None:
         """Append a line to the function's body."""
@@ -36,10 +37,6 @@ class FunctionSource:
         name = f"_{len(self._names)}"
         self._names[name] = value
         return name
-
-    def bind_as(self, name: str, value: Any) -> None:
-        """Make a value available to the function under a given name."""
-        self._names[name] = value
 
     def compile(self) -> Callable[..., Any]:
         """Compile and return the function."""

@@ -28,10 +28,9 @@ _FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
 @cache
 def filler(ros_class: Any, proto_class: Any) -> Callable[[Any, Any], None]:
     """Return a function `fill(p, r)` that copies a ROS message `r` into a protobuf message `p`."""
-    source = FunctionSource("fill(p, r)")
-    source.bind_as("BadField", BadFieldError)
-    source.bind_as("check_text", _check_text)
-    source.bind_as("isfinite", math.isfinite)
+    source = FunctionSource(
+        "fill(p, r)", BadField=BadFieldError, check_text=_check_text, isfinite=math.isfinite
+    )
     bits = presence_bits(ros_class, proto_class)
     if bits is not None:
         source.add("has = r.has_field")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Container, Coroutine
+from collections.abc import Coroutine
 from typing import Any
 
 from google.protobuf.message import Message
@@ -14,7 +14,6 @@ from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.robot.readiness import Objection
 from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.status_codes import explained
@@ -34,10 +33,7 @@ class CodeLog:
     """Logs warnings and faults of the chassis, each status code once while it lasts.
 
     A code lasts while AbnormalCodes contains it. Any other code lasts until it has not been sent
-    for `QUIET` seconds.
-
-    Args:
-        chassis: the link; used in its event loop only.
+    for `QUIET` seconds. Used in the event loop of the link.
     """
 
     def __init__(self, chassis: ChassisClient) -> None:
@@ -45,12 +41,9 @@ class CodeLog:
         """Monotonic time at which a logged code was last sent, by number of the code."""
         self._abnormal: frozenset[int] = frozenset()
         """The codes in the last AbnormalCodes."""
-        chassis.on_snapshot(self._snapshot)
+        chassis.on_snapshot(lambda info: self._abnormal_changed(info.abnormal_codes))
         chassis.subscribe_raw(StatusCode, self._pushed)
         chassis.subscribe(AbnormalCodes, self._abnormal_changed)
-
-    def _snapshot(self, info: RobotInfo) -> None:
-        self._abnormal_changed(info.abnormal_codes)
 
     def _abnormal_changed(self, codes: AbnormalCodes) -> None:
         """Log the codes that last; forget those that have ended."""
@@ -93,22 +86,10 @@ GOAL_CANCEL = "the cancel of a goal"
 
 
 class RefusalLog:
-    """Logs each refusal of a command with its reason, once until a command of its name succeeds.
+    """Logs each refusal of a command with its reason, once until a command of its name succeeds."""
 
-    Args:
-        gate: sender of the commands.
-        explainer: finds the reasons.
-        silent: sources whose refusals are not logged here, because they log them themselves.
-    """
-
-    def __init__(
-        self,
-        gate: MotionGate,
-        explainer: RefusalExplainer,
-        silent: Container[str] = (),
-    ) -> None:
+    def __init__(self, gate: MotionGate, explainer: RefusalExplainer) -> None:
         self._explainer = explainer
-        self._silent = silent
         self._logs: dict[str, LogOnce] = {}
         """Logs of the commands whose last answer was a refusal, by name."""
         self._pending: dict[tuple[str, str], asyncio.Task[None]] = {}
@@ -123,7 +104,7 @@ class RefusalLog:
         if command.answer.ok:
             self._logs.pop(name, None)
             return
-        if name not in self._silent and (name, msg) not in self._pending:
+        if name != GOAL_CANCEL and (name, msg) not in self._pending:
             # taken now: a success before the task runs removes it from `_logs`
             log = self._logs.setdefault(name, LogOnce(_LOG))
             reasons = self._explainer.reasons(type_of(command.message))

@@ -121,52 +121,24 @@ def check_resolution_and_origin(resolution: float, *origin: float) -> None:
         raise MapError(_ORIGIN(values=", ".join(f"{each:g}" for each in origin)))
 
 
-def map_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
-    """Return the YAML file and the PNG of a map for nav2's map_server, by name.
+def map_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
+    """Return the YAML file and the PNG of an image of a map for nav2's map_server, by name.
 
-    Loaded by map_server, the map equals the agent's topic `map`.
-
-    Args:
-        area: the map.
-        stem: name of the files without suffix.
-
-    Raises:
-        MapError: the robot has not sent a usable map.
-    """
-    if not area.map_png:
-        raise MapError(_NONE_SENT())
-    return _server_files(area, area.map_png, stem)
-
-
-def keepout_files(area: SceneData.Map, stem: str) -> dict[str, bytes]:
-    """Return the YAML file and the PNG of the mask for nav2's KeepoutFilter; {} without a mask.
-
-    Loaded by map_server, the mask equals the agent's topic `keepout_mask`.
+    Loaded by map_server, the image equals the agent's topic `map` or `keepout_mask`.
 
     Args:
         area: the map.
+        image: its field `map_png` or `keepout_png`, as the robot sent it.
         stem: name of the files without suffix.
 
     Raises:
-        MapError: the robot has not sent a usable mask.
-    """
-    return _server_files(area, area.keepout_png, stem) if area.keepout_png else {}
-
-
-def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, bytes]:
-    """Return the YAML file and the PNG of an image that belongs to a map, by name.
-
-    Args:
-        area: the map.
-        image: the image, as the robot sent it.
-        stem: name of the files without suffix.
-
-    Raises:
-        MapError: the image, the resolution or the origin cannot be used.
+        MapError: the image, the resolution or the origin is missing, or cannot be used.
     """
     import numpy
     import yaml
 
+    if not image:
+        raise MapError(_NONE_SENT())
     png, origin = grey_png(image), area.origin
     check_resolution_and_origin(area.resolution, origin.x, origin.y, origin.theta)
     numbers = (area.resolution, origin.x, origin.y, origin.theta)
@@ -185,26 +157,8 @@ def _server_files(area: SceneData.Map, image: bytes, stem: str) -> dict[str, byt
     return {f"{stem}.yaml": text.encode(), f"{stem}.png": png}
 
 
-async def scene_map(
-    chassis: ChassisClient, scene_name: str, map_id: int, map_name: str
-) -> SceneData.Map:
-    """Request a scene, and return one of its maps, which can have many MiB.
-
-    Args:
-        chassis: the link.
-        scene_name: name of the scene.
-        map_id: id of the map, used if no map has the name.
-        map_name: name of the map.
-
-    Raises:
-        LinkError: there is no answer from the chassis.
-        MapError: the chassis sent no such map, or one without an image.
-    """
-    return find_map(await scene_data(chassis, scene_name), map_id, map_name)
-
-
 async def scene_data(chassis: ChassisClient, scene_name: str) -> SceneData:
-    """Request a scene with all of its maps.
+    """Request a scene with all of its maps, which can have many MiB.
 
     Raises:
         LinkError: there is no answer from the chassis.

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from functools import partial
 
 from google.protobuf.message import Message
 
@@ -57,12 +57,7 @@ _MAX_REFUSALS = 50
 
 
 class RefusalExplainer:
-    """Finds the reason of a refusal. Used in the event loop of the link.
-
-    Args:
-        chassis: the link.
-        last_known: last values that the chassis reported.
-    """
+    """Finds the reason of a refusal. Used in the event loop of the link."""
 
     def __init__(self, chassis: ChassisClient, last_known: LastKnown) -> None:
         self._last_known = last_known
@@ -73,15 +68,7 @@ class RefusalExplainer:
         chassis.subscribe_raw(StatusCode, self._pushed)
 
     async def reason(self, request_type: str) -> str:
-        """Return why the chassis has just refused a request; empty if that is not known.
-
-        Call it within `CODE_DELAY` after the answer. It returns at the end of this time, or as
-        soon as the status code has come.
-
-        Args:
-            request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
-                action the full name of its command, e.g. `woosh.ros.action.StepControl`.
-        """
+        """Return the reasons without their remedies as one text, empty if no reason is known."""
         return joined(THEN, (each.said for each in await self.reasons(request_type)))
 
     async def reasons(self, request_type: str) -> list[Objection]:
@@ -91,7 +78,8 @@ class RefusalExplainer:
         end of this time, or as soon as the status code has come.
 
         Args:
-            request_type: protobuf full name of the request, or of the command of an action.
+            request_type: protobuf full name of the request, e.g. `woosh.robot.ExecTask`; for an
+                action the full name of its command, e.g. `woosh.ros.action.StepControl`.
         """
         try:
             refusal = await run_with_timeout(CODE_DELAY, self._latest(request_type))
@@ -174,6 +162,8 @@ def type_of(request: Message) -> str:
 
 # Functions that return the reasons in the robot's state, each for a kind of refused request
 
+_STOP_OR_MODE = (EMERGENCY_STOP, *CONTROL_MODES)
+
 
 def _for_task(info: RobotInfo) -> list[Objection]:
     """Return the reasons for a request that starts a task, an action or a following."""
@@ -182,24 +172,19 @@ def _for_task(info: RobotInfo) -> list[Objection]:
     return [*busy_objections(info), *reasons]
 
 
-def _for_velocity(info: RobotInfo) -> list[Objection]:
-    """Return the reasons for a velocity."""
-    return [*busy_objections(info), *_objections_among(info, EMERGENCY_STOP, MAINTENANCE)]
+def _among(possible: Container[Objection], info: RobotInfo) -> list[Objection]:
+    """Return those of the possible objections that hold for the robot now."""
+    return [each for each in objections(info) if each in possible]
 
 
-def _for_change(info: RobotInfo) -> list[Objection]:
-    """Return the reasons for a request that changes the mode, the map or the pose."""
-    return [*busy_objections(info), *_objections_among(info, EMERGENCY_STOP, *CONTROL_MODES)]
-
-
-def _for_control_mode(info: RobotInfo) -> list[Objection]:
-    """Return the reasons for a change of the control mode."""
-    return _objections_among(info, *CONTROL_MODES)
+def _busy_or_among(possible: Container[Objection], info: RobotInfo) -> list[Objection]:
+    """Return what the robot is doing, and those of the possible objections that hold now."""
+    return [*busy_objections(info), *_among(possible, info)]
 
 
 def _for_mapping(info: RobotInfo) -> list[Objection]:
     """Return the reasons for a request that makes a map."""
-    return [*_for_deployment(info), *_objections_among(info, *CONTROL_MODES)]
+    return [*_for_deployment(info), *_among(CONTROL_MODES, info)]
 
 
 def _for_deployment(info: RobotInfo) -> list[Objection]:
@@ -213,7 +198,7 @@ def _for_deployment(info: RobotInfo) -> list[Objection]:
 
 def _for_order(info: RobotInfo) -> list[Objection]:
     """Return the reasons for an order to the running task, e.g. a pause."""
-    found = _objections_among(info, EMERGENCY_STOP, *CONTROL_MODES)
+    found = _among(_STOP_OR_MODE, info)
     return found if busy_objections(info) else [*found, NO_TASK]
 
 
@@ -222,12 +207,8 @@ def _for_navigation(info: RobotInfo) -> list[Objection]:
     return [] if busy_objections(info) else [NO_TASK]
 
 
-def _objections_among(info: RobotInfo, *possible: Objection) -> list[Objection]:
-    """Return those of the possible objections that hold for the robot now."""
-    return [each for each in objections(info) if each in possible]
-
-
-_TASKS = tuple(map(full_name, TASK_REQUESTS))
+TASK_TYPES = tuple(map(full_name, TASK_REQUESTS))
+"""Protobuf full names of the requests that start a task."""
 _LIFTS = tuple(
     f"woosh.ros.action.{name}" for name in ("LiftControl", "LiftControl2", "LiftControl3")
 )
@@ -235,61 +216,57 @@ _STEP = "woosh.ros.action.StepControl"
 _CHARGE = "woosh.ros.action.ChargeControl"
 _MOVE = "woosh.ros.action.MoveBase"
 
-_STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = MappingProxyType(
-    {
-        **dict.fromkeys((*_TASKS, *_LIFTS, _STEP, _CHARGE, _MOVE), _for_task),
-        "woosh.robot.Follow": _for_task,
-        "woosh.robot.Twist": _for_velocity,
-        "woosh.robot.ActionOrder": _for_order,
-        "woosh.robot.ChangeNavPath": _for_navigation,
-        "woosh.robot.ChangeNavMode": _for_navigation,
-        "woosh.ros.action.NavigationMode": _for_navigation,
-        "woosh.robot.InitRobot": _for_change,
-        "woosh.robot.SwitchMap": _for_change,
-        "woosh.robot.SwitchWorkMode": _for_change,
-        "woosh.robot.SwitchControlMode": _for_control_mode,
-        "woosh.robot.BuildMap": _for_mapping,
-        "woosh.robot.Deployment": _for_deployment,
-    }
-)
+_STATE_RULES: Mapping[str, Callable[[RobotInfo], list[Objection]]] = {
+    **dict.fromkeys((*TASK_TYPES, *_LIFTS, _STEP, _CHARGE, _MOVE), _for_task),
+    "woosh.robot.Follow": _for_task,
+    "woosh.robot.Twist": partial(_busy_or_among, (EMERGENCY_STOP, MAINTENANCE)),
+    "woosh.robot.ActionOrder": _for_order,
+    "woosh.robot.ChangeNavPath": _for_navigation,
+    "woosh.robot.ChangeNavMode": _for_navigation,
+    "woosh.ros.action.NavigationMode": _for_navigation,
+    "woosh.robot.InitRobot": partial(_busy_or_among, _STOP_OR_MODE),
+    "woosh.robot.SwitchMap": partial(_busy_or_among, _STOP_OR_MODE),
+    "woosh.robot.SwitchWorkMode": partial(_busy_or_among, _STOP_OR_MODE),
+    "woosh.robot.SwitchControlMode": partial(_among, CONTROL_MODES),
+    "woosh.robot.BuildMap": _for_mapping,
+    "woosh.robot.Deployment": _for_deployment,
+}
 """Functions that return the reasons in the robot's state, by type of the request."""
 
 # First digits of status codes that several types of requests have
 _WRONG_VERSION = "14080100001"
 _NOT_AUTOMATIC = "14080100008"
-_CODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        **dict.fromkeys(
-            _TASKS,
-            # the second one stands for the ten codes 14080100010 to 14080100019
-            (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026"),
-        ),
-        **dict.fromkeys(_LIFTS, (_NOT_AUTOMATIC, "12400100002", "140502")),
-        _STEP: (_NOT_AUTOMATIC, "12030100002", "140506"),
-        _CHARGE: (_NOT_AUTOMATIC, "12060100002", "140501"),
-        _MOVE: (_NOT_AUTOMATIC, "140304"),
-        "woosh.robot.Twist": (_NOT_AUTOMATIC, "14080100009"),
-        "woosh.robot.Follow": (_NOT_AUTOMATIC, "14080100009"),
-        "woosh.robot.ActionOrder": (_NOT_AUTOMATIC, "14080100027", "14080100028", "14080100029"),
-        "woosh.robot.ChangeNavPath": ("14080100006", "14080100025"),
-        **dict.fromkeys(
-            ("woosh.robot.ChangeNavMode", "woosh.ros.action.NavigationMode"),
-            ("14080100007", "14030100001"),
-        ),
-        "woosh.robot.SwitchWorkMode": ("14080100002", "14080100003"),
-        "woosh.robot.BuildMap": ("14080100004", "14080100005", "140701", "140702", "140703"),
-        "woosh.robot.Deployment": ("14080100010",),
-        "woosh.robot.SwitchMap": ("14080100022", "14070600001", "14070600002", "14070600003"),
-        "woosh.robot.InitRobot": (
-            "14080100023",
-            "14080100024",
-            "14020100001",
-            "14020100002",
-            "14020100003",
-            "14020100004",
-        ),
-    }
-)
+_CODES: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(
+        TASK_TYPES,
+        # the second one stands for the ten codes 14080100010 to 14080100019
+        (_NOT_AUTOMATIC, "1408010001", "14080100020", "14080100021", "14080100026"),
+    ),
+    **dict.fromkeys(_LIFTS, (_NOT_AUTOMATIC, "12400100002", "140502")),
+    _STEP: (_NOT_AUTOMATIC, "12030100002", "140506"),
+    _CHARGE: (_NOT_AUTOMATIC, "12060100002", "140501"),
+    _MOVE: (_NOT_AUTOMATIC, "140304"),
+    "woosh.robot.Twist": (_NOT_AUTOMATIC, "14080100009"),
+    "woosh.robot.Follow": (_NOT_AUTOMATIC, "14080100009"),
+    "woosh.robot.ActionOrder": (_NOT_AUTOMATIC, "14080100027", "14080100028", "14080100029"),
+    "woosh.robot.ChangeNavPath": ("14080100006", "14080100025"),
+    **dict.fromkeys(
+        ("woosh.robot.ChangeNavMode", "woosh.ros.action.NavigationMode"),
+        ("14080100007", "14030100001"),
+    ),
+    "woosh.robot.SwitchWorkMode": ("14080100002", "14080100003"),
+    "woosh.robot.BuildMap": ("14080100004", "14080100005", "140701", "140702", "140703"),
+    "woosh.robot.Deployment": ("14080100010",),
+    "woosh.robot.SwitchMap": ("14080100022", "14070600001", "14070600002", "14070600003"),
+    "woosh.robot.InitRobot": (
+        "14080100023",
+        "14080100024",
+        "14020100001",
+        "14020100002",
+        "14020100003",
+        "14020100004",
+    ),
+}
 """First digits of the status codes that give the reason of a refusal, by type of the request.
 
 The last digits are left out, because robots report some codes with another level than the table.

@@ -13,7 +13,7 @@ from woosh_robot_agent.link import Body, ChassisClient, LinkState
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
-from woosh_robot_agent.motion.requests import TASK_REQUESTS, commands_motion, may_move, takes_wheels
+from woosh_robot_agent.motion.requests import commands_motion, may_move, takes_wheels
 from woosh_robot_agent.motion.wheel_owner import is_held_up, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import (
@@ -36,7 +36,7 @@ from woosh_robot_agent.pb.util import action_pb2, task_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.readiness import is_charging, is_located
-from woosh_robot_agent.robot.refusals import type_of
+from woosh_robot_agent.robot.refusals import TASK_TYPES, type_of
 from woosh_robot_agent.robot.who_drives import command_name
 from woosh_robot_agent.sentences import AND, THEN, Sentence, joined
 
@@ -111,7 +111,6 @@ _MAX_ENDS = 50
 """Number of ends of tasks and actions that are remembered."""
 _ANY_TASK = 0
 """Id of a task whose id is not known."""
-_TASKS = tuple(map(full_name, TASK_REQUESTS))
 
 
 @dataclass
@@ -150,12 +149,7 @@ class Standstill:
     Commands are the velocities, tasks and driving actions that pass the motion gate. A task or
     action is observed until the robot first moves. While the chassis reports that it waits, is
     paused, charges or handles goods, the robot may stand. After a stop, a pause, a cancel and the
-    end of the task or action, no movement is expected.
-
-    Args:
-        chassis: the link; used in its event loop only.
-        gate: sender of the commands.
-        last_known: last values that the chassis reported.
+    end of the task or action, no movement is expected. Used in the event loop of the link.
     """
 
     def __init__(self, chassis: ChassisClient, gate: MotionGate, last_known: LastKnown) -> None:
@@ -204,13 +198,13 @@ class Standstill:
         if isinstance(message, Twist):
             if may_move(message):
                 self._velocity_accepted(command_name(command))
-            elif self._demand is not None and self._demand.is_velocity:
-                self._give_up()
+            elif (demand := self._demand) and demand.is_velocity and not demand.warned:
+                self._demand = None  # a warning that was given remains until the robot moves
         elif takes_wheels(message) and not _may_stand(message):
             # an order to the running task is observed like the task
             kind = full_name(ExecTask) if isinstance(message, ActionOrder) else type_of(message)
             task_id = getattr(message, "task_id", _ANY_TASK)
-            ended = self._ends.get(task_id if kind in _TASKS else kind, -math.inf)
+            ended = self._ends.get(task_id if kind in TASK_TYPES else kind, -math.inf)
             if ended >= command.requested:
                 return  # the task or action has ended already
             demand = self._expect(command_name(command), kind, task_id)
@@ -242,11 +236,6 @@ class Standstill:
         """Expect no movement because of the commands given so far, and end their warning."""
         self._rested = asyncio.get_running_loop().time()
         self._demand = None
-
-    def _give_up(self) -> None:
-        """Stop expecting movement; a warning that was given remains until the robot moves."""
-        if self._demand is not None and not self._demand.warned:
-            self._demand = None
 
     def _start_timer(self, demand: _Demand) -> None:
         """Expect movement within `LIMIT` from now."""
@@ -305,7 +294,7 @@ class Standstill:
             now = asyncio.get_running_loop().time()
             self._ends[report.robot_task_id] = self._ends[_ANY_TASK] = now
         demand = self._demand
-        if demand is None or demand.type not in _TASKS:
+        if demand is None or demand.type not in TASK_TYPES:
             return
         # a report without an id says that there is no task
         if demand.task_id and report.robot_task_id not in (demand.task_id, 0):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.motion import MotionGate
-from woosh_robot_agent.robot.code_log import GOAL_CANCEL, CodeLog, RefusalLog
+from woosh_robot_agent.robot.code_log import CodeLog, RefusalLog
 from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.robot.refusals import RefusalExplainer
 from woosh_robot_agent.robot.standstill import Standstill
@@ -17,16 +17,7 @@ class Watch:
     """All observers of one robot. Used in the event loop of the link.
 
     Args:
-        chassis: the link.
-        gate: sender of the agent's commands.
-        last_known: last values that the chassis reported.
-        explainer: finds the reasons of refusals.
         goals: returns the names of the goals that the chassis executes.
-
-    Attributes:
-        velocities: the sources of velocities.
-        standstill: detects commands that do not move the robot.
-        who_drives: finds out what drives the robot.
     """
 
     def __init__(
@@ -38,8 +29,7 @@ class Watch:
         goals: Callable[[], Sequence[str]],
     ) -> None:
         CodeLog(chassis)  # the subscriptions of the link keep it alive
-        # the gate keeps it alive; goals log the refusals of their cancel requests themselves
-        RefusalLog(gate, explainer, silent=(GOAL_CANCEL,))
+        RefusalLog(gate, explainer)  # the gate keeps it alive
         self.velocities = VelocitySources(gate)
         self.standstill = Standstill(chassis, gate, last_known)
         self.who_drives = WhoDrives(chassis, gate, last_known, self.velocities, goals)

@@ -58,9 +58,6 @@ class VelocitySources:
 
     A source drives from its first velocity until it sends a zero, or nothing for `OVERLAP`.
 
-    Args:
-        gate: the gate.
-
     Attributes:
         last: source of the last accepted velocity, zero included; empty before the first.
         last_time: monotonic time of that velocity.
@@ -258,10 +255,6 @@ class WhoDrives:
     """Finds out what drives the robot. Used in the event loop of the link.
 
     Args:
-        chassis: the link.
-        gate: sender of the agent's commands.
-        last_known: last values that the chassis reported.
-        velocities: the sources of velocities.
         goals: returns the names of the goals that the chassis executes, e.g. `task 17` or
             `task set 4`.
     """
@@ -296,8 +289,8 @@ class WhoDrives:
         self._pose_time = -math.inf
         """Monotonic time of the last PoseSpeed."""
         gate.on_answered(self._answered)
-        chassis.on_snapshot(self._snapshot)
-        chassis.subscribe(TaskProc, self._task_changed)
+        chassis.on_snapshot(lambda info: self._task_reported(info.task_proc, unseen=True))
+        chassis.subscribe(TaskProc, lambda task: self._task_reported(task, unseen=False))
         chassis.subscribe(RobotState, lambda _report: self._update_rest())
         chassis.subscribe_raw(PoseSpeed, self._pose_pushed)
 
@@ -394,21 +387,14 @@ class WhoDrives:
                     del starters[number]
         self._rests_since = math.inf
 
-    def _snapshot(self, info: RobotInfo) -> None:
-        self._update_rest()
-        self._begin(info.task_proc, unseen=True)
-
-    def _task_changed(self, task: TaskProc) -> None:
-        self._update_rest()
-        self._begin(task, unseen=False)
-
-    def _begin(self, task: TaskProc, *, unseen: bool) -> None:
+    def _task_reported(self, task: TaskProc, *, unseen: bool) -> None:
         """Keep a report if it is the first one on its task.
 
         Args:
             task: the report.
             unseen: True if the task may have begun before the link was ready.
         """
+        self._update_rest()
         number = task.robot_task_id
         if number == self._task.robot_task_id:
             return

@@ -119,15 +119,10 @@ class LinkThread:
 
     def __init__(self, thread: LoopThread, context: Context) -> None:
         self.loop = thread.loop
-        self._thread = thread
+        self.loop_thread = thread
         self._context = context
         self._tasks: dict[asyncio.Task[None], Callable[[BaseException], None] | None] = {}
         """Spawned coroutines that have not ended, and their `on_error`."""
-
-    @property
-    def longest_turns(self) -> tuple[float, float]:
-        """Longest turn of the loop in the last one or two minutes, and ever, in seconds."""
-        return self._thread.longest_turns
 
     def call(self, function: Callable[..., object], *args: object) -> None:
         """Schedule a call of `function` in the loop. Thread-safe."""

@@ -83,11 +83,7 @@ class Watched:
     @property
     def may_idle(self) -> bool:
         """True if the entity may become idle by itself, instead of together with its owner."""
-        return self.owner is self and self.kind in (
-            Kind.SUBSCRIPTION,
-            Kind.SERVICE,
-            Kind.WAITABLE,
-        )
+        return self.owner is self and (self.is_queue or self.kind is Kind.WAITABLE)
 
     @property
     def is_queue(self) -> bool:

@@ -211,7 +211,7 @@ class Executor:
     def _use_reported(self) -> list[Watched]:
         """Put in use the entities that the second thread has reported, and return them."""
         with self._lock:
-            reported = self._idle.take_reported()
+            reported, self._idle.reported = self._idle.reported, []
             for each in reported:
                 each.owner.last_turn = self._turn
             if self._limit_use():
@@ -282,7 +282,7 @@ class _IdleThread:
     """The thread that waits for idle entities. It is started for the first idle entity.
 
     Args:
-        lock: the executor's lock. Hold it when you call `watch`, `wake` or `take_reported`.
+        lock: the executor's lock. Hold it when you call `watch` or `wake`, or take `reported`.
         executor_guard: triggered when entities have been reported.
 
     Attributes:
@@ -312,11 +312,6 @@ class _IdleThread:
         """End the wait, so that entities that have been destroyed are released."""
         if not self._is_closed:
             self._guard.trigger()
-
-    def take_reported(self) -> list[Watched]:
-        """Return the entities that have become ready, and forget them."""
-        reported, self.reported = self.reported, []
-        return reported
 
     def close(self) -> None:
         """End the thread. Further calls do nothing."""

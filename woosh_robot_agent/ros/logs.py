@@ -25,13 +25,6 @@ _MAX_LENGTH = 2000
 _PACKAGE = "woosh_robot_agent"
 """Name of the package's root logger, in `logging` and in ROS."""
 
-_SEVERITIES = (
-    (logging.ERROR, LoggingSeverity.ERROR),
-    (logging.WARNING, LoggingSeverity.WARN),
-    (logging.INFO, LoggingSeverity.INFO),
-)
-"""Levels of `logging`, highest first, and the ROS severity from each level on."""
-
 _FORMATTER = logging.Formatter()
 _NODE_LOGGER = contextvars.ContextVar[Any]("node_logger", default=None)
 _NO_LOG_FILES = "--disable-external-lib-logs"
@@ -75,10 +68,7 @@ class RosLogHandler(logging.Handler):
                 text += "\n" + _FORMATTER.formatException(record.exc_info)
             logger = _NODE_LOGGER.get() or get_logger(_PACKAGE)
             place = record.funcName or "", record.pathname, record.lineno
-            severity = next(
-                (ros for lowest, ros in _SEVERITIES if record.levelno >= lowest),
-                LoggingSeverity.DEBUG,
-            )
+            severity = LoggingSeverity(min(record.levelno, logging.ERROR))  # of equal numbers
             if severity is LoggingSeverity.WARN and logger.name in _CLOSING:
                 severity = LoggingSeverity.INFO
             rclpy_private.log(logger.name, severity, text, *place)

@@ -29,7 +29,6 @@ from woosh_robot_agent.robot.refusals import RefusalExplainer
 from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.actions.actions import Actions
 from woosh_robot_agent.ros.bridge import LinkThread, LoopThread, wait_for_result
-from woosh_robot_agent.ros.context import RobotContext
 from woosh_robot_agent.ros.logs import context_of, log_as, log_to_ros, set_closing
 from woosh_robot_agent.ros.rclpy_private import parameter_overrides
 from woosh_robot_agent.ros.releases import on_parameters_set
@@ -115,7 +114,7 @@ _CLOSE_TIMEOUT = 2 * _ZERO_TIMEOUT + _GOALS_TIMEOUT + _LINK_TIMEOUT
 _DEBUG_TIMEOUT = 60.0
 """Time that a busy link thread gets to answer `Agent.debug`, in seconds."""
 _REST_TIMEOUT = 0.3
-"""Time in which the remaining tasks and the link thread must end, in seconds."""
+"""Time in which the remaining tasks must end, in seconds."""
 
 
 class Agent:
@@ -123,33 +122,21 @@ class Agent:
 
     Attributes:
         node: the node, to be added to an executor.
-        robot: the link, the motion gate and the other objects of `RobotContext`.
+        robot: the link, the motion gate and the other objects of `PartContext`.
         actions: the action servers, with their goals.
 
     Args:
-        node: the node; by default a new one.
-        thread: thread of the link; by default a new one. If you pass a thread, stop it yourself
-            after closing the agent.
+        node: the node.
+        thread: thread of the link. Stop it after closing the agent.
         link: values for fields of `LinkConfig` that are no parameters, e.g. `backoff_min`.
-        options: rclpy's options of a new node, e.g. `context` and `parameter_overrides`.
-
-    Raises:
-        ValueError: a parameter is invalid.
     """
 
     def __init__(
-        self,
-        node: ParameterNode | None = None,
-        thread: LoopThread | None = None,
-        *,
-        link: Mapping[str, Any] | None = None,
-        **options: Any,
+        self, node: ParameterNode, thread: LoopThread, link: Mapping[str, Any] | None = None
     ) -> None:
-        self.node = node or ParameterNode(**options)
+        self.node = node
         log_to_ros()
-        loop_thread = thread or LoopThread()
-        self._own_thread = None if thread else loop_thread
-        link_thread = LinkThread(loop_thread, context_of(self.node.get_logger()))
+        link_thread = LinkThread(thread, context_of(node.get_logger()))
         self._link_fields = dict(link or {})
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
         # created first: a push that the first consumer cannot read reaches no other consumer
@@ -160,7 +147,17 @@ class Agent:
         explainer = RefusalExplainer(chassis, last_known)
         watch = Watch(chassis, gate, last_known, explainer, lambda: self.actions.accepted_goals)
         requests = RequestMaker(self.settings.link.robot_id)
-        self.robot = RobotContext(self.node, link_thread, chassis, gate, last_known, requests)
+        self.robot = PartContext(
+            self.node,
+            link_thread,
+            chassis,
+            gate,
+            last_known,
+            requests,
+            watch,
+            SecondAgentDetector(self.node),
+            lambda: self.settings.standard,
+        )
         create_services(
             self.robot, watch.velocities, lambda: self.settings.standard.velocity_limits
         )
@@ -170,12 +167,8 @@ class Agent:
             lambda: self.settings.goal_link_timeout,
             self.settings.result_timeout,
         )
-        self._second_agent_detector = SecondAgentDetector(self.node)
-        context = PartContext(
-            self.robot, watch, self._second_agent_detector, lambda: self.settings.standard
-        )
-        self._standard = StandardLayer(context)
-        self._nav2 = self._create_nav2(context) if self.settings.nav2 else None
+        self._standard = StandardLayer(self.robot)
+        self._nav2 = self._create_nav2() if self.settings.nav2 else None
         self._lock = threading.Lock()
         """Protects `_stopped`: `begin_close` may be called from several threads at once."""
         self._stopped: Future[None] | None = None
@@ -185,11 +178,11 @@ class Agent:
             chassis.permit_only(only_reads, self._observe_only_reason)
         link_thread.call(chassis.start)
         self._standard.start()
-        link_thread.spawn(self._second_agent_detector.run)
+        link_thread.spawn(self.robot.second_agent_detector.run)
         if self._nav2 is not None:
             self._nav2.start()
 
-    def _create_nav2(self, context: PartContext) -> Nav2Layer | None:
+    def _create_nav2(self) -> Nav2Layer | None:
         """Create Nav2's interfaces; None if their definitions are not installed."""
         if find_spec("nav2_msgs") is None:
             self.node.get_logger().error(
@@ -201,7 +194,7 @@ class Agent:
         from woosh_robot_agent.ros.nav2.layer import Nav2Layer
 
         return Nav2Layer(
-            context,
+            self.robot,
             self.actions,
             lambda: self._standard.map_to_odom,
             self.settings.result_timeout,
@@ -212,14 +205,11 @@ class Agent:
         """Current values of the parameters."""
         return self.node.settings
 
-    def debug(self, timeout: float = _DEBUG_TIMEOUT) -> dict[str, Any]:
+    def debug(self) -> dict[str, Any]:
         """Return the state of the agent, the sizes of its queues, and its counters.
 
         For debugging and for tests: keys may be added at any time. May be called from any thread
         except the link thread.
-
-        Args:
-            timeout: time that the link thread gets to answer, in seconds.
 
         Returns:
             `state`: The state of the link.
@@ -234,7 +224,7 @@ class Agent:
         Raises:
             TimeoutError: the link thread did not answer in time.
         """
-        return self.robot.thread.run(self._debug(), timeout)
+        return self.robot.thread.run(self._debug(), _DEBUG_TIMEOUT)
 
     async def _debug(self) -> dict[str, Any]:
         tasks = asyncio.all_tasks() - {asyncio.current_task()}
@@ -251,21 +241,12 @@ class Agent:
     def begin_close(self) -> None:
         """Begin to stop the robot, to abort the open goals and to close the link. From any thread.
 
-        Further calls do nothing. `close` waits for the end.
+        Further calls do nothing. `stop_all` waits for the end.
         """
         with self._lock:
             if self._stopped is None:
                 set_closing(self.node.get_logger(), closing=True)
                 self._stopped = self.robot.thread.begin(self._close())
-
-    def close(self, spin_once: Callable[[], None]) -> None:
-        """Stop the robot if the agent drove it, abort the open goals, close the link, clean up.
-
-        Args:
-            spin_once: runs one executor turn, so that goal results reach their clients.
-        """
-        stop_all([self], spin_once)
-        self.destroy()
 
     def destroy(self) -> None:
         """Destroy the node, after `stop_all`."""
@@ -320,7 +301,7 @@ class Agent:
         if settings.link != before.link:
             self.robot.thread.spawn(self._reconfigure)
         if self._nav2 is not None:
-            self.robot.thread.call(self._nav2.settings_changed)
+            self.robot.thread.call(self._nav2.speed_limit.settings_changed)
 
     def _link_config(self) -> LinkConfig:
         return replace(self.settings.link, **self._link_fields)
@@ -349,7 +330,7 @@ class Agent:
 
 
 def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
-    """Stop the robots of several agents, abort the goals and close the links; keep the nodes.
+    """Stop the robots that the agents drive, abort the goals and close the links; keep the nodes.
 
     Args:
         agents: agents of one executor.
@@ -369,8 +350,6 @@ def stop_all(agents: Sequence[Agent], spin_once: Callable[[], None]) -> None:
         except TimeoutError:
             agent.node.get_logger().error("the agent's tasks did not end in time")
     for agent in agents:
-        if agent._own_thread is not None:
-            agent._own_thread.stop(_REST_TIMEOUT)
         if agent.node.executor is not None:  # an executor keeps the entities of its nodes alive
             agent.node.executor.remove_node(agent.node)
         set_closing(agent.node.get_logger(), closing=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 SERVICE_QOS = QoSProfile(depth=10_000)
 """Profile of all services, including the services of actions.
@@ -22,16 +22,6 @@ DDS reserves memory by the depth: an action with `SERVICE_QOS` and `FEEDBACK_QOS
 more."""
 
 
-def reliable(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
-    """Return the profile of a reliable topic with a queue of `depth` messages."""
-    return QoSProfile(
-        depth=depth,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=durability,
-    )
-
-
 def latched(depth: int) -> QoSProfile:
     """Return the profile of a latched topic: late subscribers get the last `depth` messages."""
-    return reliable(depth, DurabilityPolicy.TRANSIENT_LOCAL)
+    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -7,7 +7,7 @@ import logging
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from google.protobuf.message import Message
 
@@ -50,17 +50,9 @@ def create_services(
         limits: returns the limits of velocities.
     """
     for query in QUERIES:
-        query_handler = _QueryHandler(query, robot)
-        DeferredService(robot.node, query_handler.srv, query.name, query_handler.handle)
+        _QueryHandler(query, robot)
     for command in COMMANDS:
-        command_handler = _CommandHandler(command, robot, velocities, limits)
-        DeferredService(
-            robot.node,
-            command_handler.srv,
-            command.name,
-            command_handler.handle,
-            urgent=command.request == Twist.DESCRIPTOR.full_name,
-        )
+        _CommandHandler(command, robot, velocities, limits)
 
 
 class _QueryHandler:
@@ -71,35 +63,36 @@ class _QueryHandler:
     """
 
     def __init__(self, endpoint: Query, robot: RobotContext) -> None:
-        self.srv = class_of(endpoint.srv, "srv")
+        self._srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
         self._robot = robot
         self._log = LogOnce(_LOG)
         self._proto = message_type(endpoint.request)
-        field_type = self.srv.Response.get_fields_and_field_types()[endpoint.field]
+        field_type = self._srv.Response.get_fields_and_field_types()[endpoint.field]
         self._convert = converter(class_of(field_type, "msg"), self._proto)
         self._converting: tuple[Message, asyncio.Task[Any]] | None = None
         """A large last known value that is being converted, and the task that converts it."""
+        DeferredService(robot.node, self._srv, endpoint.name, self._handle)
 
-    def handle(self, request: Any, reply: Reply) -> None:
+    def _handle(self, request: Any, reply: Reply) -> None:
         self._robot.thread.spawn(partial(self._answer, request, reply), reply.fail)
 
     async def _answer(self, request: Any, reply: Reply) -> None:
         try:
-            value = await self._request_value(request)
+            value, is_large = await self._request_value(request)
         except TooManyRequestsError as error:  # the link warns of it, once for all services
             _LOG.debug("%s: %s", self._fallback_text, error)
-            value = await self._last_value()
+            value, is_large = await self._last_value()
         except (BadFieldError, LinkError, _RefusedError, _UnusableAnswerError) as error:
             self._log.warn(type(error).__name__, f"{self._fallback_text}: {error}")
-            value = await self._last_value()
+            value, is_large = await self._last_value()
         else:
             self._log.clear()
-        response = new_message(self.srv.Response, **{self._endpoint.field: value.message})
-        await _send(reply, response, is_large=value.is_large)
+        response = new_message(self._srv.Response, **{self._endpoint.field: value})
+        await _send(reply, response, is_large=is_large)
 
-    async def _request_value(self, request: Any) -> _Value:
-        """Request the value from the chassis.
+    async def _request_value(self, request: Any) -> tuple[Any, bool]:
+        """Request the value from the chassis; return it, and True if sending it may take long.
 
         Raises:
             BadFieldError: the request cannot be converted.
@@ -108,7 +101,7 @@ class _QueryHandler:
             _UnusableAnswerError: the answer holds no value that can be read.
         """
         # with an argument, the answer may be about another task, or another robot of a gateway
-        tap = self._remember if request == self.srv.Request() else None
+        tap = self._remember if request == self._srv.Request() else None
         answer = await self._robot.chassis.request(self._chassis_request(request), tap=tap)
         if not answer.ok:
             raise _RefusedError(f"the chassis refused: {answer.reason}")
@@ -118,7 +111,7 @@ class _QueryHandler:
             value = await _read(self._convert, answer.raw)
         except FrameError as error:
             raise _UnusableAnswerError(f"the answer cannot be read: {error}") from None
-        return _Value(value, answer.raw.is_large)
+        return value, answer.raw.is_large
 
     def _remember(self, answer: Answer) -> None:
         """Keep an answer as the last known value.
@@ -140,11 +133,11 @@ class _QueryHandler:
             return f"{name} answers blank, because no value is known yet"
         return f"{name} answers with the last known value"
 
-    async def _last_value(self) -> _Value:
-        """Return the last known value, or a blank one."""
+    async def _last_value(self) -> tuple[Any, bool]:
+        """Return the last known value, or a blank one, and True if sending it may take long."""
         last = self._robot.last_known.get(self._endpoint.request) or self._proto()
         if last.ByteSize() < _LARGE_VALUE:
-            return _Value(self._convert.to_ros(last), is_large=False)
+            return self._convert.to_ros(last), False
         if self._converting is None or self._converting[0] is not last:
             # all calls that come while it is converted share the result
             task = start_task(
@@ -152,7 +145,7 @@ class _QueryHandler:
             )
             self._converting = (last, task)
             task.add_done_callback(self._conversion_ended)
-        return _Value(await asyncio.shield(self._converting[1]), is_large=True)
+        return await asyncio.shield(self._converting[1]), True
 
     def _conversion_ended(self, task: asyncio.Task[Any]) -> None:
         if self._converting is not None and self._converting[1] is task:
@@ -170,15 +163,6 @@ class _QueryHandler:
             return self._robot.requests.make(self._convert, request.arg)
         except BadFieldError as error:
             raise error.below("arg") from None
-
-
-class _Value(NamedTuple):
-    """The value that a query is answered with."""
-
-    message: Any
-    """The value as a ROS message."""
-    is_large: bool
-    """True if sending the value may take long."""
 
 
 class _RefusedError(Exception):
@@ -199,22 +183,24 @@ class _CommandHandler:
         velocities: VelocitySources,
         limits: Callable[[], VelocityLimits],
     ) -> None:
-        self.srv = class_of(endpoint.srv, "srv")
+        self._srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
         self._robot = robot
         self._velocities = velocities
         self._limits = limits
-        arg_type = self.srv.Request.get_fields_and_field_types()["arg"]
+        arg_type = self._srv.Request.get_fields_and_field_types()["arg"]
         self._convert = converter(class_of(arg_type, "msg"), message_type(endpoint.request))
         self._convert_ret: Converter | None = None
         """Converter of the field `ret` in the response; None if the response has none."""
         if endpoint.answer:
-            ret_type = self.srv.Response.get_fields_and_field_types()["ret"]
+            ret_type = self._srv.Response.get_fields_and_field_types()["ret"]
             self._convert_ret = converter(class_of(ret_type, "msg"), message_type(endpoint.answer))
         self._clock = SenderClock()
         """Estimates when a client sent its call, because late commands are refused."""
+        is_velocity = endpoint.request == Twist.DESCRIPTOR.full_name
+        DeferredService(robot.node, self._srv, endpoint.name, self._handle, urgent=is_velocity)
 
-    def handle(self, request: Any, reply: Reply) -> None:
+    def _handle(self, request: Any, reply: Reply) -> None:
         try:
             requested = message = self._robot.requests.make(self._convert, request.arg)
             if isinstance(message, Twist):
@@ -282,10 +268,10 @@ class _CommandHandler:
     def _response(self, ok: bool, msg: str, ret: Any = None) -> Any:
         """Return a response; its field `ret`, if it has one, is blank by default."""
         if self._convert_ret is None:
-            return self.srv.Response(ok=ok, msg=msg)
+            return self._srv.Response(ok=ok, msg=msg)
         if ret is None:
             ret = self._convert_ret.to_ros(self._convert_ret.proto_class())
-        return new_message(self.srv.Response, ok=ok, msg=msg, ret=ret)
+        return new_message(self._srv.Response, ok=ok, msg=msg, ret=ret)
 
 
 async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 
 class Kind(Enum):
@@ -28,146 +29,68 @@ class StandardEndpoint:
 
     Attributes:
         type: ROS type, `package/Name`.
-        part: name with which the parameter `disabled_parts` switches the endpoint off; `tf` if the
-            parameter `publish_tf` switches it, `nav2` if the parameter `nav2` does.
         meaning: what it contains or does, for the documentation.
         depth: queue size of the publisher or subscription.
     """
 
+    kind: Kind
     name: str
     type: str
-    kind: Kind
-    part: str
     meaning: str
     depth: int = 1
 
-    @property
-    def is_output(self) -> bool:
-        """True for a topic that the agent publishes."""
-        return self.kind in (Kind.STREAM, Kind.LATCHED)
 
+_stream = partial(StandardEndpoint, Kind.STREAM)
+_latched = partial(StandardEndpoint, Kind.LATCHED)
+_input = partial(StandardEndpoint, Kind.INPUT)
+_service = partial(StandardEndpoint, Kind.SERVICE)
+_reading = partial(StandardEndpoint, Kind.READING_SERVICE)
+_action = partial(StandardEndpoint, Kind.ACTION)
 
 STANDARD = (
-    StandardEndpoint(
-        "odom",
-        "nav_msgs/Odometry",
-        Kind.STREAM,
-        "odom",
-        "pose in `odom`, velocity in `base_link`",
-        10,
-    ),
-    StandardEndpoint(
+    _stream("odom", "nav_msgs/Odometry", "pose in `odom`, velocity in `base_link`", 10),
+    _stream(
         "/tf",
         "tf2_msgs/TFMessage",
-        Kind.STREAM,
-        "tf",
         "`map` -> `odom` -> `base_link`, with each message on `odom`",
         100,
     ),
-    StandardEndpoint(
-        "/tf_static", "tf2_msgs/TFMessage", Kind.LATCHED, "tf", "`base_link` -> `laser`"
+    _latched("/tf_static", "tf2_msgs/TFMessage", "`base_link` -> `laser`"),
+    _stream(
+        "scan", "sensor_msgs/LaserScan", "laser scan, requested only while there are subscribers", 5
     ),
-    StandardEndpoint(
-        "scan",
-        "sensor_msgs/LaserScan",
-        Kind.STREAM,
-        "scan",
-        "laser scan, requested only while there are subscribers",
-        5,
-    ),
-    StandardEndpoint(
+    _latched(
         "battery_state",
         "sensor_msgs/BatteryState",
-        Kind.LATCHED,
-        "battery_state",
         "state of charge, and whether the battery is charging",
     ),
-    StandardEndpoint(
-        "map",
-        "nav_msgs/OccupancyGrid",
-        Kind.LATCHED,
-        "map",
-        "current map, or the map that the robot is making",
-    ),
-    StandardEndpoint(
+    _latched("map", "nav_msgs/OccupancyGrid", "current map, or the map that the robot is making"),
+    _latched(
         "keepout_mask",
         "nav_msgs/OccupancyGrid",
-        Kind.LATCHED,
-        "map",
         "keep-out areas of the current map, as a mask for Nav2's KeepoutFilter",
     ),
-    StandardEndpoint(
-        "plan", "nav_msgs/Path", Kind.LATCHED, "plan", "path that the robot is following"
-    ),
-    StandardEndpoint(
-        "footprint",
-        "geometry_msgs/PolygonStamped",
-        Kind.LATCHED,
-        "footprint",
-        "current outline of the robot",
-    ),
-    StandardEndpoint(
-        "cmd_vel",
-        "geometry_msgs/Twist",
-        Kind.INPUT,
-        "cmd_vel",
-        "velocity command; repeat it to keep driving",
-    ),
-    StandardEndpoint(
+    _latched("plan", "nav_msgs/Path", "path that the robot is following"),
+    _latched("footprint", "geometry_msgs/PolygonStamped", "current outline of the robot"),
+    _input("cmd_vel", "geometry_msgs/Twist", "velocity command; repeat it to keep driving"),
+    _input(
         "initialpose",
         "geometry_msgs/PoseWithCovarianceStamped",
-        Kind.INPUT,
-        "initialpose",
         "sets the pose of the robot in the map",
         10,
     ),
-    StandardEndpoint(
-        "goal_pose",
-        "geometry_msgs/PoseStamped",
-        Kind.INPUT,
-        "goal_pose",
-        "navigates to a pose",
-        10,
-    ),
-    StandardEndpoint(
-        "cancel",
-        "std_srvs/Trigger",
-        Kind.SERVICE,
-        "goal_pose",
-        "cancels the navigation to `goal_pose`",
-    ),
-    StandardEndpoint(
-        "stop",
-        "std_srvs/Trigger",
-        Kind.SERVICE,
-        "stop",
-        "stops the robot, and cancels its task and actions",
-    ),
-    StandardEndpoint(
-        "connected",
-        "std_msgs/Bool",
-        Kind.LATCHED,
-        "connected",
-        "true while the link to the chassis is ready",
-    ),
-    StandardEndpoint(
+    _input("goal_pose", "geometry_msgs/PoseStamped", "navigates to a pose", 10),
+    _service("cancel", "std_srvs/Trigger", "cancels the navigation to `goal_pose`"),
+    _service("stop", "std_srvs/Trigger", "stops the robot, and cancels its task and actions"),
+    _latched("connected", "std_msgs/Bool", "true while the link to the chassis is ready"),
+    _stream(
         "/diagnostics",
         "diagnostic_msgs/DiagnosticArray",
-        Kind.STREAM,
-        "diagnostics",
         "link, chassis, battery, hardware, abnormal codes, motion, clock and agents, at 1 Hz",
         10,
     ),
 )
 """All endpoints of the standard layer (`ros/standard/`)."""
-
-
-def _action(name: str, type_name: str, meaning: str) -> StandardEndpoint:
-    return StandardEndpoint(name, f"nav2_msgs/{type_name}", Kind.ACTION, "nav2", meaning)
-
-
-def _reading(name: str, type_name: str, meaning: str) -> StandardEndpoint:
-    return StandardEndpoint(name, type_name, Kind.READING_SERVICE, "nav2", meaning)
 
 
 MANAGERS = ("lifecycle_manager_navigation", "lifecycle_manager_localization")
@@ -183,54 +106,52 @@ CLEARING = {
 """Services that clear costmaps, as nav2_simple_commander names them, and their types."""
 
 NAV2 = (
-    _action("navigate_to_pose", "NavigateToPose", "`MoveBase` to the pose"),
+    _action("navigate_to_pose", "nav2_msgs/NavigateToPose", "`MoveBase` to the pose"),
     _action(
         "navigate_through_poses",
-        "NavigateThroughPoses",
+        "nav2_msgs/NavigateThroughPoses",
         "one `MoveBase` through all poses, one by one",
     ),
     _action(
         "follow_waypoints",
-        "FollowWaypoints",
+        "nav2_msgs/FollowWaypoints",
         "a `MoveBase` for each pose; a pose without a path to it is missed, and the next one is "
         "tried",
     ),
-    _action("compute_path_to_pose", "ComputePathToPose", "`PlanNavPath`"),
+    _action("compute_path_to_pose", "nav2_msgs/ComputePathToPose", "`PlanNavPath`"),
     _action(
         "compute_path_through_poses",
-        "ComputePathThroughPoses",
+        "nav2_msgs/ComputePathThroughPoses",
         "`PlanNavPath` from each pose to the next",
     ),
-    _action("spin", "Spin", "`StepControl`: a turn, at 0.8 rad/s at most"),
+    _action("spin", "nav2_msgs/Spin", "`StepControl`: a turn, at 0.8 rad/s at most"),
     _action(
         "drive_on_heading",
-        "DriveOnHeading",
+        "nav2_msgs/DriveOnHeading",
         "`StepControl`: straight ahead, or back if target and speed are negative",
     ),
-    _action("backup", "BackUp", "`StepControl`: straight back"),
-    _action("wait", "Wait", "waits; the chassis gets nothing"),
+    _action("backup", "nav2_msgs/BackUp", "`StepControl`: straight back"),
+    _action("wait", "nav2_msgs/Wait", "waits; the chassis gets nothing"),
     _action(
         "assisted_teleop",
-        "AssistedTeleop",
+        "nav2_msgs/AssistedTeleop",
         "drives the robot by the velocities on `cmd_vel_teleop` until it is cancelled",
     ),
     _action(
         "dock_robot",
-        "DockRobot",
+        "nav2_msgs/DockRobot",
         "a charging task at the charger with the mark `dock_id` or near `dock_pose`; with an empty "
         "id, at the nearest charger; succeeds when the robot charges",
     ),
     _action(
         "undock_robot",
-        "UndockRobot",
+        "nav2_msgs/UndockRobot",
         "cancels a charging task, and backs out of the charger by `ChargeControl`; fails if the "
         "robot is in no charger",
     ),
-    StandardEndpoint(
+    _service(
         "map_server/load_map",
         "nav2_msgs/LoadMap",
-        Kind.SERVICE,
-        "nav2",
         "`SwitchMap` to the robot's map with the name of the file, without folder and suffix: in "
         "the current scene, or else in another scene",
     ),
@@ -258,35 +179,23 @@ NAV2 = (
         _reading(name, f"nav2_msgs/{type_name}", "nothing: the robot keeps no costmap for clients")
         for name, type_name in CLEARING.items()
     ),
-    StandardEndpoint(
+    _latched(
         "amcl_pose",
         "geometry_msgs/PoseWithCovarianceStamped",
-        Kind.LATCHED,
-        "nav2",
         "the robot's pose in the map: after it was set, and every 0.25 m or 0.2 rad",
     ),
-    StandardEndpoint(
+    _input(
         "speed_limit",
         "nav2_msgs/SpeedLimit",
-        Kind.INPUT,
-        "nav2",
         "limits the speed of each navigation; a percentage refers to `cmd_vel_max_linear`, and "
         "100 % is no limit",
     ),
-    StandardEndpoint(
+    _input(
         "cmd_vel_teleop",
         "geometry_msgs/Twist",
-        Kind.INPUT,
-        "nav2",
         "velocities of `assisted_teleop`, by the rules of `cmd_vel`",
     ),
-    StandardEndpoint(
-        "preempt_teleop",
-        "std_msgs/Empty",
-        Kind.INPUT,
-        "nav2",
-        "ends `assisted_teleop` with success",
-    ),
+    _input("preempt_teleop", "std_msgs/Empty", "ends `assisted_teleop` with success"),
 )
 """The endpoints of Nav2, which the agent has with the parameter `nav2` (`ros/nav2/`)."""
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
+from woosh_robot_agent.link import ChassisClient, LinkState
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.ros.bridge import LinkThread
 from woosh_robot_agent.ros.releases import (
@@ -27,6 +28,26 @@ _NO_CALLBACKS = PublisherEventCallbacks(use_default_callbacks=False)
 def create_publisher(node: Any, message_class: Any, name: str, profile: QoSProfile) -> Any:
     """Return a new publisher of a node, without the entities of rclpy's default callbacks."""
     return node.create_publisher(message_class, name, profile, event_callbacks=_NO_CALLBACKS)
+
+
+def publish_readiness(
+    chassis: ChassisClient, publisher: Any, message: Callable[[bool], Any]
+) -> None:
+    """Publish whether the link is ready, on each change; first, before it is started, False.
+
+    Args:
+        message: returns the message for True or False.
+    """
+    published = False
+
+    def changed(state: LinkState) -> None:
+        nonlocal published
+        if published != (state is LinkState.READY):
+            published = not published
+            publisher.publish(message(published))
+
+    publisher.publish(message(published))
+    chassis.on_state(changed)
 
 
 class Subscribers:
@@ -131,14 +152,10 @@ def _next_poll(now: float) -> float:
 
 
 class _Repetition:
-    """Work that is repeated while there are subscribers.
+    """Work that is repeated while there are subscribers, for `Subscribers.repeat`.
 
     A timer starts the work directly: a task that waits for the timer would need another turn of
     the event loop.
-
-    Args:
-        rate: returns the current rate, in Hz.
-        work: called with the loop time. Its exceptions end the repetition.
 
     Attributes:
         ended: future that is done when there are no more subscribers, or the work has failed.

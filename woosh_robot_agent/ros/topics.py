@@ -12,13 +12,13 @@ from woosh_robot_agent.convert import Converter, converter
 from woosh_robot_agent.convert.cdr import serialize
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import AGENT_INFO, TOPICS, Topic
-from woosh_robot_agent.link import Body, ChassisClient, LinkState
+from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.robot.last_known import parts_of
 from woosh_robot_agent.ros.bridge import LinkThread
 from woosh_robot_agent.ros.qos import latched
-from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher
+from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher, publish_readiness
 
 
 class Topics:
@@ -36,7 +36,7 @@ class Topics:
         chassis.on_snapshot(self._publish_parts, self._serialized_parts)
         for topic in TOPICS:
             if topic.on_demand:
-                _OnDemand(topic, node, thread, chassis)
+                _publish_on_demand(topic, node, thread, chassis)
                 continue
             msg = class_of(topic.msg, "msg")
             proto_class = message_type(topic.push)
@@ -44,7 +44,9 @@ class Topics:
             convert = converter(msg, proto_class)
             self._first[topic.push] = publisher, convert
             chassis.subscribe_raw(proto_class, publisher.publish, partial(_serialized, convert))
-        _AgentInfo(node, chassis)
+        info = class_of(AGENT_INFO.msg, "msg")
+        publisher = create_publisher(node, info, AGENT_INFO.name, latched(1))
+        publish_readiness(chassis, publisher, lambda online: info(online=online))
 
     def _serialized_parts(self, info: RobotInfo) -> list[tuple[Any, bytes]]:
         """Return the publisher and the first message of each topic whose value `info` has."""
@@ -66,43 +68,18 @@ def _serialized(convert: Converter, body: Body) -> bytes:
     return serialize(convert.read(body))
 
 
-class _OnDemand:
-    """Publisher of a topic that is subscribed to at the chassis only while it has subscribers."""
+def _publish_on_demand(topic: Topic, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
+    """Publish a topic that is subscribed to at the chassis only while it has subscribers."""
+    msg, proto_class = class_of(topic.msg, "msg"), message_type(topic.push)
+    prepare = partial(_serialized, converter(msg, proto_class))
+    subscribers = Subscribers(node, thread)
+    publisher = subscribers.publisher(msg, topic.name, latched(topic.depth))
 
-    def __init__(self, topic: Topic, node: Any, thread: LinkThread, chassis: ChassisClient) -> None:
-        self._chassis = chassis
-        self._proto_class = message_type(topic.push)
-        msg = class_of(topic.msg, "msg")
-        self._convert = converter(msg, self._proto_class)
-        self._subscribers = Subscribers(node, thread)
-        self._publisher = self._subscribers.publisher(msg, topic.name, latched(topic.depth))
-        thread.spawn(self._run)
-
-    async def _run(self) -> None:
+    async def run() -> None:
         while True:
-            await self._subscribers.wait(present=True)
-            unsubscribe = self._chassis.subscribe_raw(
-                self._proto_class, self._publisher.publish, partial(_serialized, self._convert)
-            )
-            await self._subscribers.wait(present=False)
+            await subscribers.wait(present=True)
+            unsubscribe = chassis.subscribe_raw(proto_class, publisher.publish, prepare)
+            await subscribers.wait(present=False)
             unsubscribe()
 
-
-class _AgentInfo:
-    """Publishes whether the link is ready: at the start, and on each change."""
-
-    def __init__(self, node: Any, chassis: ChassisClient) -> None:
-        self._message_class = class_of(AGENT_INFO.msg, "msg")
-        self._publisher = create_publisher(node, self._message_class, AGENT_INFO.name, latched(1))
-        self._online = False
-        self._publish()
-        chassis.on_state(self._changed)
-
-    def _changed(self, state: LinkState) -> None:
-        online = state is LinkState.READY
-        if online != self._online:
-            self._online = online
-            self._publish()
-
-    def _publish(self) -> None:
-        self._publisher.publish(self._message_class(online=self._online))
+    thread.spawn(run)

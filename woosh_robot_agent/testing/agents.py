@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any, Protocol
 
 import pytest
@@ -24,8 +25,9 @@ from rclpy.parameter import Parameter
 from woosh_robot_agent.endpoints import NAMESPACE
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.parameters import PARAMETERS
+from woosh_robot_agent.ros.bridge import LoopThread
 from woosh_robot_agent.ros.executor import Executor
-from woosh_robot_agent.ros.node import Agent
+from woosh_robot_agent.ros.node import Agent, ParameterNode, stop_all
 from woosh_robot_agent.ros.releases import this_computer_only
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.testing.chassis import TIMEOUT, wait_until
@@ -148,6 +150,8 @@ def spinning(*nodes: Any) -> Iterator[None]:
         yield
 
 
+_STOP_TIMEOUT = 0.3
+"""Timeout for the end of the agent's link thread, in seconds."""
 _CLOSING_SPIN_TIMEOUT = 0.02
 """Maximum duration of a call of `spin_once` while the agent closes, in seconds."""
 
@@ -209,7 +213,9 @@ class AgentInProcess:
         link = {name: parameters.pop(name) for name in _LINK_FIELDS & parameters.keys()}
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         try:
-            self.agent = Agent(context=self.context, parameter_overrides=overrides, link=link)
+            node = ParameterNode(context=self.context, parameter_overrides=overrides)
+            self._thread = LoopThread()
+            self.agent = Agent(node, self._thread, link)
         except BaseException:
             rclpy.try_shutdown(context=self.context)
             raise
@@ -234,7 +240,10 @@ class AgentInProcess:
             self._spinner.stop()
         finally:
             # the results of goals must still reach their clients
-            self.agent.close(lambda: self.executor.spin_once(timeout_sec=_CLOSING_SPIN_TIMEOUT))
+            spin_once = partial(self.executor.spin_once, timeout_sec=_CLOSING_SPIN_TIMEOUT)
+            stop_all([self.agent], spin_once)
+            self.agent.destroy()
+            self._thread.stop(_STOP_TIMEOUT)
             self.executor.shutdown()
             rclpy.try_shutdown(context=self.context)
 

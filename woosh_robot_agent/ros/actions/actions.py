@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections import defaultdict
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 from google.protobuf.message import Message
@@ -46,31 +47,23 @@ class AgentGoal:
 
     Args:
         on_report: called with each report of the chassis on the goal.
-        published: loop time at which a ROS client sent the message or goal that this goal carries
-            out, as far as that is known; None if the agent starts the goal by itself.
+        published: as in `Actions.start`, which also sets the attributes `accepted` and `cancel`.
 
     Attributes:
         accepted: future; True once the chassis has accepted the goal, False if it never will.
+        cancel: cancels the goal at the chassis. It ends when the chassis reports its end.
     """
 
-    accepted: asyncio.Future[bool]  # set by `Actions.start`, because it belongs to the goal's run
+    accepted: asyncio.Future[bool]
+    cancel: Callable[[], None]
 
     def __init__(self, on_report: Callable[[Message], None], published: float | None) -> None:
         self.published = published
         self.ended: asyncio.Future[End] = asyncio.get_running_loop().create_future()
-        self._on_report = on_report
-        self._on_cancel: Callable[[], None] = lambda: None
-
-    def cancel(self) -> None:
-        """Cancel the goal at the chassis. The goal ends when the chassis reports its end."""
-        self._on_cancel()
+        self.feedback = on_report
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
-        """Set the function that `cancel` calls."""
-        self._on_cancel = callback
-
-    def feedback(self, report: Message) -> None:
-        self._on_report(report)
+        self.cancel = callback
 
     def finish(self, end: End) -> None:
         if not self.ended.done():
@@ -98,15 +91,6 @@ class _RosClient:
     def finish(self, end: End) -> None:
         result = new_message(self._action_class.Result, ret=self._convert.to_ros(end.result))
         self._goal.finish(end.outcome, result)
-
-
-@dataclass(frozen=True)
-class _Action:
-    """The objects from which the goals of one action are made."""
-
-    make_kind: Callable[..., GoalKind]
-    """Makes the `GoalKind` of a goal; called with its command and the context."""
-    context: GoalContext
 
 
 class Actions:
@@ -139,8 +123,8 @@ class Actions:
         """The last feedback on each action of CallAction, by the full name of its command."""
         self.servers: list[GoalServer] = []
         self.timing = GoalTiming()
-        self._actions: dict[str, _Action] = {}
-        """The actions for goals that the agent itself starts, by the protobuf full name of their
+        self._starters: dict[str, Callable[[GoalClient, Message], GoalRun]] = {}
+        """Functions that start the goals of the agent itself, by the protobuf full name of their
         command."""
         self._last_reports: RecentDict[int, TaskProc] = RecentDict(_MAX_REPORTS)
         """The last report on each of the latest tasks, by task id."""
@@ -152,13 +136,15 @@ class Actions:
                 _field_class(action_class.Feedback, "fb"), message_type(action.feedback)
             )
             context = GoalContext(
-                chassis=robot.chassis,
-                gate=robot.gate,
-                last_known=robot.last_known,
+                robot.node,
+                robot.thread,
+                robot.chassis,
+                robot.gate,
+                robot.last_known,
+                robot.requests,
                 open_goals=self._open_goals[action.member],
                 timing=lambda: replace(self.timing, link_timeout=link_timeout()),
                 to_proto=partial(robot.requests.make, command),
-                empty=robot.requests.empty,
                 explain=explain,
             )
             make_kind: Callable[..., GoalKind]
@@ -175,12 +161,12 @@ class Actions:
                 make_kind = partial(TaskGoal, unused_ids=task_ids, last_reports=self._last_reports)
             # the commands of the agent's own goals are protobuf messages already, and only need the
             # robot's id
-            self._actions[action.arg] = _Action(
-                make_kind, replace(context, to_proto=robot.requests.address)
+            self._starters[action.arg] = partial(
+                self._start, make_kind, replace(context, to_proto=robot.requests.address)
             )
             start = partial(
                 self._start_for_ros_client,
-                _Action(make_kind, context),
+                partial(self._start, make_kind, context),
                 partial(_RosClient, action_class, report),
             )
             self.servers.append(
@@ -221,7 +207,7 @@ class Actions:
                 carries out, as far as that is known; None if the agent starts it by itself.
         """
         goal = AgentGoal(on_report, published)
-        goal.accepted = self._start(goal, self._actions[full_name(command)], command).accepted
+        goal.accepted = self._starters[full_name(command)](goal, command).accepted
         return goal
 
     @property
@@ -237,26 +223,37 @@ class Actions:
     @property
     def accepted_goals(self) -> list[str]:
         """Names of the open goals that the chassis has accepted; in the link thread."""
-        return [name for each in self._open_goals.values() for name in each.accepted_names]
+        open_goals = chain.from_iterable(self._open_goals.values())
+        return [goal.name for goal in open_goals if goal.was_accepted]
 
+    @staticmethod
     def _start_for_ros_client(
-        self, action: _Action, make_client: Callable[[Goal], _RosClient], goal: Goal
+        start: Callable[[GoalClient, Any], GoalRun],
+        make_client: Callable[[Goal], _RosClient],
+        goal: Goal,
     ) -> None:
-        self._start(make_client(goal), action, goal.request.arg)
+        start(make_client(goal), goal.request.arg)
 
-    def _start(self, client: GoalClient, action: _Action, command: Any) -> GoalRun:
+    def _start(
+        self,
+        make_kind: Callable[..., GoalKind],
+        context: GoalContext,
+        client: GoalClient,
+        command: Any,
+    ) -> GoalRun:
         """Start a goal, or abort it if the agent is stopping.
 
-        `command` is a ROS message; a protobuf message if the agent itself starts the goal.
+        Args:
+            make_kind: makes the `GoalKind` of the goal from its command and the context.
+            command: a ROS message; a protobuf message if the agent itself starts the goal.
         """
-        kind = action.make_kind(command, context=action.context)
-        run = GoalRun(client, kind, action.context)
+        run = GoalRun(client, make_kind(command, context=context), context)
         client.on_cancel(partial(run.post, CancelRequested()))
         if self._is_stopping:
             run.abort(STOPPING)
             return run
         # not in `run`, which begins later before Python 3.12: the next goal has to count this one
-        action.context.open_goals.append(run)
+        context.open_goals.append(run)
         task = start_task(run.run(), name=f"goal: {run.name}")
         self._runs[task] = run
         task.add_done_callback(self._runs.pop)
@@ -276,8 +273,8 @@ class Actions:
             self._post(LinkChanged(is_ready))
 
     def _post(self, event: Event) -> None:
-        for open_goals in self._open_goals.values():
-            open_goals.post(event)
+        for goal in chain.from_iterable(self._open_goals.values()):
+            goal.post(event)
 
 
 def _field_class(message_class: Any, name: str) -> Any:

@@ -22,7 +22,6 @@ from woosh_robot_agent.ros.actions.goal import (
     Outcome,
     PollResult,
     Report,
-    Start,
 )
 from woosh_robot_agent.ros.actions.run import GoalContext
 
@@ -75,8 +74,6 @@ class CallActionGoal:
         self._member = member
         self._command: Any = None
         """The command to the chassis; set by `request`."""
-        self._is_cancel = False
-        """True if the command is a cancel; set by `request`."""
         predecessors = context.open_goals.possibly_running(action)
         previous = last_feedback.get(action)
         was_active = previous is not None and previous.state in _ACTIVE
@@ -90,15 +87,15 @@ class CallActionGoal:
             previous=previous,
         )
 
-    def request(self) -> Start | Order:
+    def request(self) -> Message | Order:
         self._command = self._read_command()
         if "action" not in self._command.DESCRIPTOR.fields_by_name:
             # a setting, such as NavigationMode: the chassis only answers
             return Order(self._call_action(), self._success)
         if self._command.action == action_pb2.kExecute:
-            return Start(self._call_action())
-        self._is_cancel = self._command.action == action_pb2.kCancel
-        needs_report = self._is_cancel and not self._may_be_active
+            return self._call_action()
+        is_cancel = self._command.action == action_pb2.kCancel
+        needs_report = is_cancel and not self._may_be_active
         return Order(self._call_action(), self._success, needs_cancel_report=needs_report)
 
     def _read_command(self) -> Message:
@@ -129,7 +126,8 @@ class CallActionGoal:
 
     async def poll(self, on_result: Callable[[PollResult], None]) -> None:
         await self._context.chassis.request(
-            self._context.empty(Feedbacks), tap=lambda answer: on_result(self._read_poll(answer))
+            self._context.requests.empty(Feedbacks),
+            tap=lambda answer: on_result(self._read_poll(answer)),
         )
 
     def _read_poll(self, answer: Answer) -> PollResult:
@@ -149,7 +147,7 @@ class CallActionGoal:
         return self._result(ros_pack_pb2.kRosSuccess, text)
 
     def _result(self, state: ros_pack_pb2.State, text: str) -> Feedback:
-        if self._is_cancel:
+        if getattr(self._command, "action", None) == action_pb2.kCancel:  # a setting has none
             text = f"{text}; {_CANCEL_HINT}" if text else _CANCEL_HINT
         return Feedback(action=self.name, state=state, msg=text)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from math import inf
 
 from woosh_robot_agent.link import Answer, LinkError
@@ -13,6 +14,7 @@ from woosh_robot_agent.ros.actions.goal import GoalTiming
 _LOG = logging.getLogger(__name__)
 
 
+@dataclass(eq=False)
 class Cancellation:
     """Forwards the cancel requests of a goal's client to the chassis, one at a time.
 
@@ -22,32 +24,21 @@ class Cancellation:
     while the goal is running: the cancel request for a task does not name the task, and could hit
     another one.
 
-    Args:
+    Attributes:
         name: name of the goal, for the log.
         is_replaced: waits until it is known if a newer goal replaced this one; returns True if so.
         has_begun: returns True if the chassis has reported on the goal.
+        pending: True if a cancel has to be sent.
     """
 
-    def __init__(
-        self,
-        name: str,
-        send: Callable[[], Awaitable[Answer]],
-        is_replaced: Callable[[], Awaitable[bool]],
-        on_accepted: Callable[[], None],
-        on_refused: Callable[[], None],
-        has_begun: Callable[[], bool],
-    ) -> None:
-        self.requested = False
-        """True once the client has requested a cancel, even if `GoalRun` has not handled it yet."""
-        self.pending = False
-        """True if a cancel has to be sent."""
-        self._name = name
-        self._send = send
-        self._is_replaced = is_replaced
-        self._on_accepted = on_accepted
-        self._on_refused = on_refused
-        self._has_begun = has_begun
-        self._task: asyncio.Task[None] | None = None
+    name: str
+    send: Callable[[], Awaitable[Answer]]
+    is_replaced: Callable[[], Awaitable[bool]]
+    on_accepted: Callable[[], None]
+    on_refused: Callable[[], None]
+    has_begun: Callable[[], bool]
+    pending: bool = False
+    _task: asyncio.Task[None] | None = None
 
     def send_soon(self) -> None:
         """Send a pending cancel unless one is in flight. Call it only for an accepted goal."""
@@ -62,34 +53,34 @@ class Cancellation:
     async def _run(self) -> None:
         """Send the pending cancel, and decide by the answer if it has to be sent again."""
         while self.pending:  # repeat if the client has asked again, or the goal begun, meanwhile
-            if await self._is_replaced():
+            if await self.is_replaced():
                 return  # the cancel would hit the newer goal, and this one is over
             self.pending = False
-            is_early = not self._has_begun()
+            is_early = not self.has_begun()
             try:
-                answer = await self._send()
+                answer = await self.send()
             except LinkError as error:
                 self.pending = True
                 _LOG.warning(
                     "cannot cancel %s, which is still running; trying again when the chassis "
                     "reports on the goal: %s",
-                    self._name,
+                    self.name,
                     error,
                 )
                 return
             if answer.ok:
-                self._on_accepted()
+                self.on_accepted()
             else:
                 if not is_early:  # otherwise there was nothing to cancel yet
                     _LOG.warning(
                         "the chassis refused to cancel %s, which may still be running: %s",
-                        self._name,
+                        self.name,
                         answer.reason,
                     )
-                self._on_refused()
+                self.on_refused()
             if is_early:  # it may have had no effect
                 self.pending = True
-                if not self._has_begun():
+                if not self.has_begun():
                     return  # sent again with the first report
 
 
@@ -203,7 +194,7 @@ class GiveUp:
         """
         self._cancel_deadline = inf
 
-    # Results of polls
+    # Results of polls; where a text is returned, it is the reason to give up
 
     def chassis_silent(self, error: object) -> None:
         """Start the deadline: the chassis sent nothing at all while it was polled."""
@@ -211,27 +202,16 @@ class GiveUp:
             self._set_deadline(f"the chassis does not answer ({error})")
             self._is_silent = True
 
-    def poll_unanswered(self, error: object) -> str | None:
-        """Count a poll that timed out although other frames arrived.
-
-        Returns:
-            The reason to give up; None if there is none.
-        """
-        return self._count_fruitless(str(error))
-
     def poll_answered(self, has_report: bool) -> str | None:
         """Count an answered poll. Call it after handling the reports in the answer.
 
         Args:
             has_report: True if any report on the goal has arrived since its start.
-
-        Returns:
-            The reason to give up; None if there is none.
         """
         self._end_silence()
         self._unknown_polls = 0
         if not has_report:
-            return self._count_fruitless("its answers do not mention it")
+            return self.poll_fruitless("its answers do not mention it")
         if self._deadline is None:
             self._fruitless_polls = 0  # an answer suffices: reports are rare during long steps
         return None
@@ -245,9 +225,6 @@ class GiveUp:
         Args:
             reason: what the chassis said.
             has_report: True if any report on the goal has arrived since its start.
-
-        Returns:
-            The reason to give up; None if there is none.
         """
         self._end_silence()
         now = self._clock()
@@ -260,16 +237,11 @@ class GiveUp:
             return None
         return reason
 
-    def _end_silence(self) -> None:
-        """Clear the deadline if it was set because the chassis sent nothing at all."""
-        if self._is_silent:
-            self._is_silent = False
-            self._deadline = None
+    def poll_fruitless(self, reason: str) -> str | None:
+        """Count a fruitless poll, e.g. one that timed out although other frames arrived.
 
-    def _count_fruitless(self, reason: str) -> str | None:
-        """Count a fruitless poll, unless a deadline is set; return the reason to give up, or None.
-
-        `reason` says why the poll was fruitless.
+        Args:
+            reason: why the poll was fruitless.
         """
         if self._deadline is not None:
             return None
@@ -287,6 +259,12 @@ class GiveUp:
             f"the chassis accepted the goal, but {self._fruitless_polls} polls in a row brought no "
             f"report on it ({reason}); the robot may still be executing it: {_CHECK}"
         )
+
+    def _end_silence(self) -> None:
+        """Clear the deadline if it was set because the chassis sent nothing at all."""
+        if self._is_silent:
+            self._is_silent = False
+            self._deadline = None
 
     def _set_deadline(self, cause: str) -> None:
         self._is_silent = False

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from types import MappingProxyType
 from typing import Protocol
 
 from google.protobuf.message import Message
@@ -61,19 +60,17 @@ class Step(Enum):
     END = "end"
 
 
-TRANSITIONS: Mapping[tuple[Phase, Step], Phase] = MappingProxyType(
-    {
-        (Phase.NEW, Step.START_SENT): Phase.STARTING,
-        (Phase.NEW, Step.ORDER_SENT): Phase.ORDERING,
-        (Phase.STARTING, Step.ACCEPTED): Phase.RUNNING,
-        (Phase.STARTING, Step.REPORT): Phase.REPORTED,
-        (Phase.STARTING, Step.ANSWER_LOST): Phase.UNCONFIRMED,
-        (Phase.REPORTED, Step.ACCEPTED): Phase.RUNNING,
-        (Phase.REPORTED, Step.ANSWER_LOST): Phase.RUNNING,
-        (Phase.UNCONFIRMED, Step.REPORT): Phase.RUNNING,
-        **{(phase, Step.END): Phase.ENDED for phase in Phase if phase is not Phase.ENDED},
-    }
-)
+TRANSITIONS: Mapping[tuple[Phase, Step], Phase] = {
+    (Phase.NEW, Step.START_SENT): Phase.STARTING,
+    (Phase.NEW, Step.ORDER_SENT): Phase.ORDERING,
+    (Phase.STARTING, Step.ACCEPTED): Phase.RUNNING,
+    (Phase.STARTING, Step.REPORT): Phase.REPORTED,
+    (Phase.STARTING, Step.ANSWER_LOST): Phase.UNCONFIRMED,
+    (Phase.REPORTED, Step.ACCEPTED): Phase.RUNNING,
+    (Phase.REPORTED, Step.ANSWER_LOST): Phase.RUNNING,
+    (Phase.UNCONFIRMED, Step.REPORT): Phase.RUNNING,
+    **{(phase, Step.END): Phase.ENDED for phase in Phase if phase is not Phase.ENDED},
+}
 """The phase after a step. A step that is not listed changes nothing."""
 
 
@@ -120,7 +117,7 @@ class GoalClient(Protocol):
     def on_cancel(self, callback: Callable[[], None]) -> None:
         """Call `callback` when the client requests a cancel; at once if it already has."""
 
-    def feedback(self, report: Message) -> None:
+    def feedback(self, report: Message, /) -> None:
         """Take a report of the chassis on the goal."""
 
     def finish(self, end: End) -> None:
@@ -305,13 +302,6 @@ class PollResult:
 
 
 @dataclass(frozen=True)
-class Start:
-    """A request that starts the goal."""
-
-    message: Message
-
-
-@dataclass(frozen=True)
 class Order:
     """A request whose answer ends the goal: an order such as a pause, or a setting."""
 
@@ -329,20 +319,15 @@ class GoalKind(Protocol):
     The kinds are tasks, sets of tasks and CallAction. Each goal has an object of its own.
     """
 
-    @property
-    def name(self) -> str:
-        """Name under which the chassis reports on the goal; earlier goals may have the same."""
+    name: str
+    """Name under which the chassis reports on the goal; earlier goals may have the same."""
+    request_type: str
+    """Protobuf full name of the request, or of the command that it carries."""
+    attribution: Attribution
+    """Decides which reports with the name of this goal belong to it."""
 
-    @property
-    def request_type(self) -> str:
-        """Protobuf full name of the request, or of the command that it carries."""
-
-    @property
-    def attribution(self) -> Attribution:
-        """Decides which reports with the name of this goal belong to it."""
-
-    def request(self) -> Start | Order:
-        """Return the request that carries out the goal.
+    def request(self) -> Message | Order:
+        """Return the request that starts the goal, or an order if the goal is one.
 
         Raises:
             BadFieldError: a value must not be sent to the robot.
@@ -399,13 +384,6 @@ class StartAnswered:
 
 
 @dataclass(frozen=True)
-class Polled:
-    """The chassis answered a poll."""
-
-    result: PollResult
-
-
-@dataclass(frozen=True)
 class PollFailed:
     """A poll got no answer."""
 
@@ -420,13 +398,8 @@ class CancelRequested:
 
 
 @dataclass(frozen=True)
-class Replaced:
-    """The chassis accepted a newer goal, which displaces this one."""
-
-
-@dataclass(frozen=True)
 class GivenUp:
-    """The agent does not follow the goal any more."""
+    """The agent does not follow the goal any more, e.g. because a newer goal has replaced it."""
 
     reason: str
 
@@ -440,10 +413,9 @@ Event = (
     Pushed
     | LinkChanged
     | StartAnswered
-    | Polled
+    | PollResult
     | PollFailed
     | CancelRequested
-    | Replaced
     | GivenUp
     | Tick
 )

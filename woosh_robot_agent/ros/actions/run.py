@@ -15,16 +15,14 @@ from google.protobuf.message import Message
 from woosh_robot_agent.convert import BadFieldError
 from woosh_robot_agent.link import (
     Answer,
-    ChassisClient,
     ConnectionLostError,
     LinkError,
     LinkState,
     RequestTimeoutError,
 )
 from woosh_robot_agent.link.tasks import run_with_timeout
-from woosh_robot_agent.motion import MotionGate, Sender
+from woosh_robot_agent.motion import Sender
 from woosh_robot_agent.robot.code_log import GOAL_CANCEL
-from woosh_robot_agent.robot.last_known import LastKnown
 from woosh_robot_agent.ros.actions.giving_up import Cancellation, GiveUp
 from woosh_robot_agent.ros.actions.goal import (
     TRANSITIONS,
@@ -40,16 +38,15 @@ from woosh_robot_agent.ros.actions.goal import (
     Order,
     Outcome,
     Phase,
-    Polled,
     PollFailed,
+    PollResult,
     Pushed,
-    Replaced,
     Report,
-    Start,
     StartAnswered,
     Step,
     Tick,
 )
+from woosh_robot_agent.ros.context import RobotContext
 
 _LOG = logging.getLogger(__name__)
 _CHECK_PERIOD = 0.1
@@ -68,23 +65,15 @@ _NO_REASON = "the chassis refused the goal without giving a reason"
 
 
 @dataclass(frozen=True)
-class GoalContext:
+class GoalContext(RobotContext):
     """Objects shared by the goals of one action; used in the link thread only."""
 
-    chassis: ChassisClient
-    """The link, for polls."""
-    gate: MotionGate
-    """Sends commands."""
-    last_known: LastKnown
-    """Last values that the chassis reported."""
     open_goals: OpenGoals
     """The open goals of the action, and of other actions if their goals replace each other."""
     timing: Callable[[], GoalTiming]
     """Returns the timing of a goal that starts now."""
     to_proto: Callable[[Any], Message]
     """Converts the command of a goal, as its client gave it, to a message for the chassis."""
-    empty: Callable[[type[Message]], Message]
-    """Makes an empty request of a message class."""
     explain: Callable[[str], Awaitable[str]]
     """Returns why the chassis has just refused a request, given its type; empty if unknown."""
 
@@ -106,6 +95,10 @@ class GoalRun:
 
     def __init__(self, client: GoalClient, kind: GoalKind, context: GoalContext) -> None:
         loop = asyncio.get_running_loop()
+        self.name = kind.name
+        """Name under which the chassis reports on the goal."""
+        self.is_cancel_requested = False
+        """True once the client has requested a cancel, even if that is not handled yet."""
         self.phase = Phase.NEW
         """Phase of the goal; only `_advance` changes it."""
         self.accepted: asyncio.Future[bool] = loop.create_future()
@@ -148,16 +141,6 @@ class GoalRun:
         """Task of the last poll; None before the first one."""
 
     @property
-    def name(self) -> str:
-        """Name under which the chassis reports on the goal."""
-        return self._kind.name
-
-    @property
-    def is_cancel_requested(self) -> bool:
-        """True once the client has requested a cancel."""
-        return self._cancellation.requested
-
-    @property
     def was_accepted(self) -> bool | None:
         """The result of `accepted`; None while it is not decided."""
         return self.accepted.result() if self.accepted.done() else None
@@ -166,7 +149,7 @@ class GoalRun:
         """Queue an event for the goal; in the link thread."""
         # set here, so that it also applies to reports that are already queued
         if isinstance(event, CancelRequested):
-            self._cancellation.requested = True
+            self.is_cancel_requested = True
         self._events.put_nowait(event)
 
     async def run(self) -> None:
@@ -227,11 +210,10 @@ class GoalRun:
     async def _send(self) -> End:
         """Send the goal and return its end. A refusal is an end, too, with its explanation."""
         try:
-            match self._kind.request():
-                case Start(message):
-                    return await self._follow(message)
-                case Order() as order:
-                    return await self._send_order(order)
+            request = self._kind.request()
+            if isinstance(request, Order):
+                return await self._send_order(request)
+            return await self._follow(request)
         except _RefusedError as error:
             # now, because older goals wait for this, and the explanation takes a while
             self._advance(Step.END)
@@ -293,13 +275,13 @@ class GoalRun:
                 timer.cancel()
             end = self._handle(event)
             if end is not None:
-                if isinstance(event, Polled):
+                if isinstance(event, PollResult):
                     self._kind.note_polled_end(end)
                 return await self._end_for_client(end)
 
     async def _end_for_client(self, end: End) -> End:
         """Return the end to send to the client: an unrequested cancel becomes an abort."""
-        if end.outcome is not Outcome.CANCELED or self._cancellation.requested:
+        if end.outcome is not Outcome.CANCELED or self.is_cancel_requested:
             return end
         if await self._context.open_goals.newer_accepted(self):
             return self._aborted(REPLACED)
@@ -314,7 +296,7 @@ class GoalRun:
                 return self._pushed(message)
             case StartAnswered(answer):
                 return self._start_answered(answer)
-            case Polled():
+            case PollResult():
                 return self._polled(event)
             case PollFailed():
                 return self._poll_failed(event)
@@ -325,8 +307,6 @@ class GoalRun:
                 # otherwise the cancel is sent with the acceptance, or the next report on the goal
                 if self.phase.accepted and not self._is_displaced:
                     self._cancellation.send_soon()
-            case Replaced():
-                return self._aborted(REPLACED)
             case GivenUp(reason):
                 return self._aborted(reason)
             case Tick():
@@ -346,7 +326,7 @@ class GoalRun:
         """Publish the reports on this goal as feedback; return its end if one reports it."""
         for report in reports:
             if not self._attribution.attribute(
-                report.outcome, self.phase, cancel_requested=self._cancellation.requested
+                report.outcome, self.phase, cancel_requested=self.is_cancel_requested
             ):
                 if report.outcome is not None:
                     self._attribution.note_earlier_end(report.message)
@@ -354,7 +334,7 @@ class GoalRun:
                 continue
             self._last_report = report.message
             # a cancel may have ended only the part before, so this part is cancelled, too
-            if report.begins_part and self._cancellation.requested:
+            if report.begins_part and self.is_cancel_requested:
                 self._cancellation.pending = True
                 self._give_up.part_begun()
             cause = Cause.LATE_REPORT if self._give_up.is_state_unknown else Cause.REPORT
@@ -374,7 +354,7 @@ class GoalRun:
 
     def _doubt_end(self, report: Report) -> None:
         """If this goal is being cancelled, let a poll decide whether an end is its own."""
-        if self._cancellation.requested and self.phase.accepted:
+        if self.is_cancel_requested and self.phase.accepted:
             self._poll_once_begun()
             if report.outcome is Outcome.CANCELED:
                 self._possible_cancel = report.message
@@ -466,9 +446,9 @@ class GoalRun:
             period *= self._timing.unknown_state_poll_factor
         self._next_poll = self._clock() + period
 
-    def _polled(self, polled: Polled) -> End | None:
+    def _polled(self, result: PollResult) -> End | None:
         """Handle the answer to a poll; return the end that it reports, or that of giving up."""
-        for report in polled.result.reports:
+        for report in result.reports:
             if report.message == self._last_report:
                 if report.outcome is not None:
                     # the last task of a set: its push told only the end of the task, but the poll
@@ -479,13 +459,13 @@ class GoalRun:
                 end = self._take_reports([report])
                 if end is not None:
                     return end
-        if not polled.result.reports and (end := self._possible_cancel_as_end()):
+        if not result.reports and (end := self._possible_cancel_as_end()):
             return end
-        why_unknown = polled.result.unknown
+        why_unknown = result.unknown
         # the answer does not tell, but a push has shown that the chassis does not execute this goal
         if why_unknown is None and self._is_displaced:
             why_unknown = _DISPLACED
-        elif why_unknown is None and self._give_up.is_cancel_refused and not polled.result.reports:
+        elif why_unknown is None and self._give_up.is_cancel_refused and not result.reports:
             why_unknown = _CANCEL_REFUSED
         has_report = self._attribution.has_report
         # until the goal is accepted, its start request may still be on its way
@@ -505,7 +485,7 @@ class GoalRun:
             self._give_up.chassis_silent(failed.error)
         elif isinstance(failed.error, RequestTimeoutError):
             end = self._possible_cancel_as_end()
-            return end or self._aborted_if(self._give_up.poll_unanswered(failed.error))
+            return end or self._aborted_if(self._give_up.poll_fruitless(str(failed.error)))
         return None
 
     def _possible_cancel_as_end(self) -> End | None:
@@ -536,7 +516,7 @@ class GoalRun:
         stats = self._context.chassis.stats
         received = stats.rx
         try:
-            await self._kind.poll(lambda result: self.post(Polled(result)))
+            await self._kind.poll(self.post)
         except LinkError as error:
             _LOG.debug("cannot poll the chassis for the state of %s: %s", self.name, error)
             timed_out = isinstance(error, RequestTimeoutError)
@@ -549,24 +529,14 @@ class OpenGoals(list[GoalRun]):
     The chassis executes only one of these goals at a time.
     """
 
-    def post(self, event: Event) -> None:
-        """Queue an event for every goal."""
-        for goal in self:
-            goal.post(event)
-
     def possibly_running(self, name: str) -> int:
         """Return the number of goals of this name that the chassis may be executing."""
         return sum(goal.name == name and goal.was_accepted is not False for goal in self)
 
-    @property
-    def accepted_names(self) -> list[str]:
-        """Names of the goals that the chassis has accepted."""
-        return [goal.name for goal in self if goal.was_accepted]
-
     def replace_older(self, goal: GoalRun) -> None:
         """Tell all older goals that the chassis accepted `goal` in their place."""
         for older in self[: self.index(goal)]:
-            older.post(Replaced())
+            older.post(GivenUp(REPLACED))
 
     async def newer_accepted(self, goal: GoalRun) -> bool:
         """Return True if the chassis accepts a newer goal; wait until it has decided.

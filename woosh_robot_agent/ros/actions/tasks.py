@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
@@ -27,55 +28,8 @@ from woosh_robot_agent.ros.actions.goal import (
     Outcome,
     PollResult,
     Report,
-    Start,
 )
 from woosh_robot_agent.ros.actions.run import GoalContext
-
-
-async def poll_tasks(
-    context: GoalContext,
-    on_result: Callable[[PollResult], None],
-    is_of_goal: Callable[[TaskProc], bool],
-    read_current: Callable[[TaskProc], PollResult],
-    read_history: Callable[[Iterable[TaskProc], TaskProc], PollResult],
-) -> None:
-    """Request the current task, and also the ended tasks if the current one is not of the goal.
-
-    Args:
-        on_result: called once with the result, in order with the pushes.
-        is_of_goal: returns True if the current task is of the goal. It may be called twice.
-        read_current: reads the report on the current task, which is of the goal.
-        read_history: reads the last reports on ended tasks, without those that are later than the
-            report on the current task; it also gets the latter, which is not of the goal.
-
-    Raises:
-        LinkError: the chassis did not answer.
-    """
-
-    def current_received(answer: Answer) -> None:
-        current = answer.body
-        if not answer.ok or not isinstance(current, TaskProc):
-            on_result(PollResult())
-            return
-        if not answer.is_outdated:
-            context.last_known.remember(current)  # a push may have been lost
-        if is_of_goal(current):
-            on_result(read_current(current))
-
-    answer = await context.chassis.request(context.empty(TaskProc), tap=current_received)
-    task = answer.body
-    # `current_received` may still be queued behind pushes, so this is also decided here
-    if not answer.ok or not isinstance(task, TaskProc) or is_of_goal(task):
-        return
-
-    # `current` is a parameter for mypy, which knows that `task` is a TaskProc only out here
-    def history_received(answer: Answer, current: TaskProc = task) -> None:
-        ended = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
-        # a later one is from before the robot's clock was set back
-        latest = current.time or math.inf
-        on_result(read_history([old for old in ended if old.time <= latest], current))
-
-    await context.chassis.request(context.empty(TaskHistory), tap=history_received)
 
 
 def _note_polled_end(context: GoalContext, task_id: int, end: End) -> None:
@@ -100,18 +54,69 @@ _MAX_TIME = 2**31 - 1
 """Latest Unix time that a TaskProc can hold, in seconds: in January 2038."""
 
 
-class TaskSetGoal:
-    """The goal to execute a predefined task set.
+class _TasksGoal(ABC):
+    """The goal to execute one task or several.
 
     Args:
         arg: the command, as the client gave it.
     """
 
-    request_type = full_name(ExecPreTask)
-
     def __init__(self, arg: Any, context: GoalContext) -> None:
         self._arg = arg
         self._context = context
+
+    def cancel_request(self) -> Message:
+        return ActionOrder(order=action_pb2.kCancel)
+
+    async def poll(self, on_result: Callable[[PollResult], None]) -> None:
+        """Request the current task, and also the ended tasks if the current one is not its own."""
+
+        def current_received(answer: Answer) -> None:
+            current = answer.body
+            if not answer.ok or not isinstance(current, TaskProc):
+                on_result(PollResult())
+                return
+            if not answer.is_outdated:
+                self._context.last_known.remember(current)  # a push may have been lost
+            if self._is_own(current):
+                on_result(self._read_current(current))
+
+        chassis, empty = self._context.chassis, self._context.requests.empty
+        answer = await chassis.request(empty(TaskProc), tap=current_received)
+        task = answer.body
+        # `current_received` may still be queued behind pushes, so this is also decided here
+        if not answer.ok or not isinstance(task, TaskProc) or self._is_own(task):
+            return
+
+        # `current` is a parameter for mypy, which knows that `task` is a TaskProc only out here
+        def history_received(answer: Answer, current: TaskProc = task) -> None:
+            ended = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
+            # a later one is from before the robot's clock was set back
+            latest = current.time or math.inf
+            on_result(self._read_history([old for old in ended if old.time <= latest], current))
+
+        await chassis.request(empty(TaskHistory), tap=history_received)
+
+    @abstractmethod
+    def _is_own(self, current: TaskProc) -> bool:
+        """Return True if the current task is of this goal."""
+
+    @abstractmethod
+    def _read_current(self, current: TaskProc) -> PollResult:
+        """Read the report on the current task, which is of this goal."""
+
+    @abstractmethod
+    def _read_history(self, ended: Iterable[TaskProc], current: TaskProc) -> PollResult:
+        """Read the last reports on ended tasks; the report on the current task is not later."""
+
+
+class TaskSetGoal(_TasksGoal):
+    """The goal to execute a predefined task set."""
+
+    request_type = full_name(ExecPreTask)
+
+    def __init__(self, arg: Any, context: GoalContext) -> None:
+        super().__init__(arg, context)
         self._id: int = arg.task_set_id
         self.name = f"task set {self._id}"
         self._last = TaskProc()
@@ -126,11 +131,8 @@ class TaskSetGoal:
         # reports may be on an earlier run of the set: of a goal, or started by another program
         self.attribution = Attribution(max(predecessors, int(self._is_executing(last))))
 
-    def request(self) -> Start:
-        return Start(self._context.to_proto(self._arg))
-
-    def cancel_request(self) -> Message:
-        return ActionOrder(order=action_pb2.kCancel)
+    def request(self) -> Message:
+        return self._context.to_proto(self._arg)
 
     def read(self, message: Message) -> Iterable[Report]:
         if not isinstance(message, TaskProc) or not self._is_of_set(message):
@@ -147,12 +149,7 @@ class TaskSetGoal:
             return message.state not in _WITH_TASK
         return isinstance(message, TaskProc) and not self._is_executing(message)
 
-    async def poll(self, on_result: Callable[[PollResult], None]) -> None:
-        await poll_tasks(
-            self._context, on_result, self._is_in_set, self._read_current, self._read_history
-        )
-
-    def _is_in_set(self, current: TaskProc) -> bool:
+    def _is_own(self, current: TaskProc) -> bool:
         """Return True if the robot executes a task of the set, or may be between two of them."""
         if self._is_executing(current):
             return True
@@ -214,11 +211,10 @@ def unused_task_ids() -> Iterator[int]:
         yield last
 
 
-class TaskGoal:
+class TaskGoal(_TasksGoal):
     """The goal to execute a single task.
 
     Args:
-        arg: the command, as the client gave it.
         unused_ids: yields an id for a task that has none.
         last_reports: last report on each of the latest tasks, by task id. The last known TaskProc
             is not enough: after the end of a task, the chassis sends an empty TaskProc.
@@ -234,9 +230,8 @@ class TaskGoal:
         unused_ids: Iterator[int],
         last_reports: Mapping[int, TaskProc],
     ) -> None:
-        self._arg = arg
+        super().__init__(arg, context)
         self._type: Any = getattr(arg.type, "value", arg.type)  # in ROS, an enum is a message
-        self._context = context
         self._id: int = arg.task_id or next(unused_ids)
         self.name = f"task {self._id}"
         predecessors = context.open_goals.possibly_running(self.name)
@@ -257,13 +252,10 @@ class TaskGoal:
         may_be_reported = predecessors > 0 or is_current
         self.attribution = Attribution(predecessors, tuple(Outcome) if may_be_reported else ())
 
-    def request(self) -> Start:
+    def request(self) -> Message:
         request: Any = self._context.to_proto(self._arg)
         request.task_id = self._id
-        return Start(request)
-
-    def cancel_request(self) -> Message:
-        return ActionOrder(order=action_pb2.kCancel)
+        return request  # type: ignore[no-any-return]
 
     def read(self, message: Message) -> Iterable[Report]:
         if isinstance(message, TaskProc) and message.robot_task_id == self._id:
@@ -272,11 +264,6 @@ class TaskGoal:
 
     def is_displaced(self, message: Message) -> bool:
         return isinstance(message, TaskProc) and message.robot_task_id != self._id
-
-    async def poll(self, on_result: Callable[[PollResult], None]) -> None:
-        await poll_tasks(
-            self._context, on_result, self._is_own, self._read_current, self._read_history
-        )
 
     def _is_own(self, current: TaskProc) -> bool:
         """Return True if the current task is this task.

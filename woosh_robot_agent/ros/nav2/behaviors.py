@@ -104,7 +104,7 @@ class Spin(_Behavior):
         if not goal.request.target_yaw:
             return  # the chassis takes 5 s to turn by nothing
         travelled = _Travelled(self.context.pose)
-        speed = min(_TURN_SPEED, self.context.standard.settings().velocity_limits.max_angular)
+        speed = min(_TURN_SPEED, self.context.settings().velocity_limits.max_angular)
         await self.step(
             goal,
             lambda: goal.feedback(angular_distance_traveled=travelled.turned()),
@@ -139,7 +139,7 @@ class DriveOnHeading(_Behavior):
         if self.always_back:
             distance = -abs(distance)
         travelled = _Travelled(self.context.pose)
-        limits = self.context.standard.settings().velocity_limits
+        limits = self.context.settings().velocity_limits
         speed = min(abs(goal.request.speed), limits.max_linear)
         await self.step(
             goal,
@@ -182,12 +182,11 @@ class AssistedTeleop(Nav2Action):
 
     def __init__(self, context: Nav2Context) -> None:
         super().__init__(context)
-        standard, robot = context.standard, context.standard.robot
         self._driver = VelocityDriver(
-            robot.gate,
-            robot.chassis,
+            context.gate,
+            context.chassis,
             "cmd_vel_teleop",
-            lambda: standard.settings().velocity_limits,
+            lambda: context.settings().velocity_limits,
         )
         self._clock = SenderClock()
         """Estimates when a velocity was published, because late ones are not sent."""
@@ -195,15 +194,15 @@ class AssistedTeleop(Nav2Action):
         """The running goal."""
         self._preempted: asyncio.Future[None]
         """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
-        stamped = standard.settings().cmd_vel_stamped
-        standard.subscribe(
+        stamped = context.settings().cmd_vel_stamped
+        context.subscribe(
             "cmd_vel_teleop",
             self._drive,
             "geometry_msgs/TwistStamped" if stamped else "",
             with_info=True,
             urgent=True,
         )
-        standard.subscribe("preempt_teleop", self._preempt)
+        context.subscribe("preempt_teleop", self._preempt)
 
     async def run(self) -> None:
         """Send the velocities, until cancelled."""
@@ -234,17 +233,15 @@ class AssistedTeleop(Nav2Action):
 
     def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
-        standard, gate = self.context.standard, self.context.standard.robot.gate
-        if refusal := standard.robot.chassis.refusal(Twist()):
+        context, gate = self.context, self.context.gate
+        if refusal := context.chassis.refusal(Twist()):
             return refusal
-        if standard.robot.chassis.state is not LinkState.READY:
+        if context.chassis.state is not LinkState.READY:
             return "there is no link to the robot"
-        if gate.owner and not standard.settings().velocity_limits.override:
+        if gate.owner and not context.settings().velocity_limits.override:
             return f"{gate.owner} drives the robot"
         preventing = (EMERGENCY_STOP, *CONTROL_MODES)
-        return "; ".join(
-            str(each) for each in self.context.objections_except_busy if each in preventing
-        )
+        return "; ".join(str(each) for each in context.objections_except_busy if each in preventing)
 
     def _drive(self, message: Any, info: Any, taken: float) -> None:
         # a TwistStamped, if the parameter cmd_vel_stamped is true
@@ -256,7 +253,7 @@ class AssistedTeleop(Nav2Action):
             # not sent, but after a stop, the driver has to know whether the sender pauses
             self._driver.note_received(any(values), published)
             return
-        if twist is not message and (objection := stamp_objection(self.context.standard, message)):
+        if twist is not message and (objection := stamp_objection(self.context, message)):
             self._driver.refuse("age", objection, published)
             return
         self._driver.drive(*values, published)

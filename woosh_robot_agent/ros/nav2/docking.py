@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map import storage_edit_pb2
 from woosh_robot_agent.pb.map.mark_pb2 import Storages
@@ -53,22 +52,18 @@ class _Docking(Nav2Action):
     @property
     def is_charging(self) -> bool:
         """True if the robot reports that it is charging."""
-        battery = self.context.standard.robot.last_known.value(Battery)
+        battery = self.context.last_known.value(Battery)
         return battery is not None and is_charging(battery)
 
     async def chargers(self) -> dict[str, tuple[float, float]]:
         """Return the positions of the chargers in the map, by their marks; {} if none are listed.
 
         Raises:
-            GoalEnd: the chassis does not answer.
+            LinkError: the chassis does not answer.
         """
-        robot = self.context.standard.robot
-        try:
-            answer = await robot.chassis.request(
-                robot.requests.address(storage_edit_pb2.Storages())
-            )
-        except LinkError as error:
-            raise GoalEnd(str(error)) from None
+        answer = await self.context.chassis.request(
+            self.context.requests.address(storage_edit_pb2.Storages())
+        )
         positions: dict[str, tuple[float, float]] = {}
         for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
             pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
@@ -198,10 +193,10 @@ class UndockRobot(_Docking):
         charge, and a robot that a person has plugged in may be anywhere.
 
         Raises:
-            GoalEnd: the robot is in no charger, its pose is unknown, or the chassis does not
-                answer.
+            GoalEnd: the robot is in no charger, or its pose is unknown.
+            LinkError: the chassis does not answer.
         """
-        battery = self.context.standard.robot.last_known.value(Battery)
+        battery = self.context.last_known.value(Battery)
         if battery is not None and battery.charge_state == Battery.kAuto:
             return
         here = self.context.pose.pose
@@ -220,21 +215,19 @@ class UndockRobot(_Docking):
 
         Raises:
             GoalEnd: the chassis does not cancel the task, or the goal has ended before.
+            LinkError: the chassis does not answer.
         """
-        robot = self.context.standard.robot
         if not self._has_charging_task():
             return
-        try:
-            answer = await goal.run(
-                robot.gate.request(ActionOrder(order=action.kCancel)), "cancel of the charging task"
-            )
-        except LinkError as error:
-            raise GoalEnd(str(error)) from None
+        answer = await goal.run(
+            self.context.gate.request(ActionOrder(order=action.kCancel)),
+            "cancel of the charging task",
+        )
         if not answer.ok and self._has_charging_task():
             raise GoalEnd(f"the chassis refused to end the charging task: {answer.reason}")
         await goal.wait_until(lambda: not self._has_charging_task())
 
     def _has_charging_task(self) -> bool:
         """Return True while the chassis executes a charging task."""
-        report = self.context.standard.robot.last_known.value(TaskProc)
+        report = self.context.last_known.value(TaskProc)
         return report is not None and report.type == task.kCharge and is_unfinished(report)

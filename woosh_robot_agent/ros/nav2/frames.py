@@ -12,9 +12,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 from geometry_msgs.msg import PoseStamped
+from rclpy.qos import QoSProfile
 
 from woosh_robot_agent.link.reports import RecentDict
-from woosh_robot_agent.ros.qos import latched, reliable
+from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose, to_pose
 
@@ -93,7 +94,6 @@ class Frames:
     transforms are used, whatever the stamp of the pose.
 
     Args:
-        context: the node, and the names of the frames.
         robot_pose: returns the robot's pose in the map; None if it is unknown.
         map_to_odom: returns the pose of the frame of the odometry in the map; None if it is
             unknown.
@@ -220,9 +220,9 @@ class Frames:
             ) from None
 
         self._is_subscribed = True
-        robot = self._context.robot
+        robot = self._context
         for topic, profile, is_static in (
-            ("/tf", reliable(_DEPTH), False),
+            ("/tf", QoSProfile(depth=_DEPTH), False),
             ("/tf_static", latched(_DEPTH), True),
         ):
             callback = partial(robot.thread.call, partial(self._received, is_static=is_static))

@@ -20,6 +20,7 @@ from builtin_interfaces.msg import Duration
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert.mapping import class_of
+from woosh_robot_agent.link import LinkError
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
@@ -151,7 +152,6 @@ class Nav2Goal:
 
     Attributes:
         request: the goal as the client gave it.
-        objection: why the goal cannot be executed; empty if it can.
         navigates: True if the goal is a navigation of the chassis.
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
@@ -162,7 +162,6 @@ class Nav2Goal:
     def __init__(self, goal: Goal, nav2_action: Nav2Action) -> None:
         loop = asyncio.get_running_loop()
         self.request = goal.request
-        self.objection = goal.objection
         self.navigates = nav2_action.navigates
         self.result = nav2_action.action_type.Result()
         self.ended: asyncio.Future[None] = loop.create_future()
@@ -176,8 +175,8 @@ class Nav2Goal:
         If the agent stood still until then, nobody may want the next command any more."""
         self._reason: asyncio.Future[GoalEnd] = loop.create_future()
         """Why the goal ends; done when something other than the chassis ends it."""
-        self._chassis_goal: AgentGoal | None = None
-        """The goal that the chassis executes for this one now."""
+        self.chassis_goal: AgentGoal | None = None
+        """The goal that the chassis executes for this one now, as far as is known; None if none."""
         self._older: Nav2Goal | None = None
         """The navigation that this goal replaces when the chassis accepts this goal; None without
         one, and once the chassis has decided."""
@@ -188,11 +187,6 @@ class Nav2Goal:
     def elapsed(self) -> float:
         """Time since the goal was accepted, in seconds."""
         return asyncio.get_running_loop().time() - self.started
-
-    @property
-    def is_executing(self) -> bool:
-        """True while the chassis executes a command for the goal, as far as is known."""
-        return self._chassis_goal is not None
 
     @property
     def is_ending(self) -> bool:
@@ -220,8 +214,8 @@ class Nav2Goal:
         """
         self.send_no_more(reason)
         self.is_cancelled = True
-        if self._chassis_goal is not None:
-            self._chassis_goal.cancel()
+        if self.chassis_goal is not None:
+            self.chassis_goal.cancel()
         self._stop_older()
 
     def set_timeout(self, seconds: float, reason: GoalEnd) -> None:
@@ -277,7 +271,7 @@ class Nav2Goal:
         self.raise_if_ending()
         sent = asyncio.get_running_loop().time()
         chassis_goal = self._context.actions.start(command, on_report, self._published)
-        self._chassis_goal = chassis_goal
+        self.chassis_goal = chassis_goal
         chassis_goal.accepted.add_done_callback(self._decided)
         try:
             await self._repeat(tick, chassis_goal.ended, is_done)
@@ -285,7 +279,7 @@ class Nav2Goal:
             chassis_goal.cancel()
             raise
         finally:
-            self._chassis_goal, self._published = None, asyncio.get_running_loop().time()
+            self.chassis_goal, self._published = None, asyncio.get_running_loop().time()
         if not chassis_goal.ended.done():
             return None
         end = chassis_goal.ended.result()
@@ -438,18 +432,16 @@ class Slot:
 
     def stop(self, reason: GoalEnd) -> bool:
         """End the goal that the chassis executes; return False if it executes none."""
-        running = [each for each in self._goals if each.is_executing]
+        running = [each for each in self._goals if each.chassis_goal is not None]
         for each in running:
             each.stop(reason)
         return bool(running)
 
 
 @dataclass(frozen=True)
-class Nav2Context:
+class Nav2Context(PartContext):
     """The objects that Nav2's actions share."""
 
-    standard: PartContext
-    """The context of the standard layer: the node, the link thread, settings and frames."""
     actions: Actions
     """Runs the goals of the chassis."""
     frames: Frames
@@ -466,7 +458,7 @@ class Nav2Context:
     @property
     def objections_except_busy(self) -> list[Objection]:
         """The reasons for which the robot rejects tasks now, except for its present task."""
-        info = self.standard.robot.last_known.value(RobotInfo)
+        info = self.last_known.value(RobotInfo)
         return [] if info is None else objections_except_busy(info)
 
 
@@ -488,10 +480,9 @@ class Nav2Action(ABC):
         """The goals that have not ended, by the asyncio task that runs the goal."""
         self._logged_fields: set[str] = set()
         """Fields of which `log_unused` has logged that they have no effect."""
-        robot = context.standard.robot
         self.server = GoalServer(
-            robot.node,
-            robot.thread,
+            context.node,
+            context.thread,
             self.action_type,
             self.name,
             self._start,
@@ -524,6 +515,7 @@ class Nav2Action(ABC):
 
         Raises:
             GoalEnd: the goal is not reached.
+            LinkError: the goal is not reached, because the chassis does not answer.
         """
 
     async def stop(self) -> None:
@@ -544,24 +536,24 @@ class Nav2Action(ABC):
     def _start(self, accepted: Goal) -> None:
         goal = Nav2Goal(accepted, self)
         accepted.on_cancel(lambda: goal.stop(GoalEnd(outcome=Outcome.CANCELED)))
-        task = start_task(self._run(goal), name=f"nav2: {self.name}")
+        task = start_task(self._run(goal, accepted.objection), name=f"nav2: {self.name}")
         if not task.done():  # it may have run to its end already
             self._tasks[task] = goal
             task.add_done_callback(self._tasks.pop)
 
-    async def _run(self, goal: Nav2Goal) -> None:
+    async def _run(self, goal: Nav2Goal, objection: str) -> None:
         reason: GoalEnd | None = GoalEnd(STOPPING)  # if the task is cancelled
         try:
-            if goal.objection:  # `check` objects only to poses that it cannot transform
-                raise GoalEnd(goal.objection, "TF_ERROR")
+            if objection:  # `check` objects only to poses that it cannot transform
+                raise GoalEnd(objection, "TF_ERROR")
             goal.raise_if_ending()  # cancelled before it was accepted: the running goal goes on
             self.validate(goal.request)
             await self._slot.take(goal)
             await self.execute(goal)
             reason = None
-        except GoalEnd as end:
-            reason = end
-            if end.outcome is Outcome.ABORTED:
+        except (GoalEnd, LinkError) as end:
+            reason = end if isinstance(end, GoalEnd) else GoalEnd(str(end))
+            if reason.outcome is Outcome.ABORTED:
                 level = logging.INFO if str(end) == _REPLACED else logging.WARNING
                 _LOG.log(level, "%s: the goal is aborted: %s", self.name, end)
         except Exception as error:

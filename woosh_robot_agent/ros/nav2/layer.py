@@ -49,10 +49,11 @@ class Nav2Layer:
     after that, so that most servers are created while the link connects.
 
     Args:
-        standard: the context of the standard layer.
-        actions: runs the goals of the chassis.
         map_to_odom: returns the pose of the odometry's frame in the map; None if it is unknown.
         result_timeout: time for which the results of goals are kept, in seconds.
+
+    Attributes:
+        speed_limit: the topic speed_limit.
     """
 
     def __init__(
@@ -64,29 +65,31 @@ class Nav2Layer:
     ) -> None:
         pose = RobotPose(standard)
         frames = Frames(standard, lambda: pose.pose, map_to_odom)
-        driving, gate = Slot(), standard.robot.gate
+        driving, gate = Slot(), standard.gate
         gate.on_stop(driving.stop_called)
         self._context = Nav2Context(
-            standard, actions, frames, pose, driving, CancelLog(gate), result_timeout
+            **vars(standard),
+            actions=actions,
+            frames=frames,
+            pose=pose,
+            driving=driving,
+            cancels=CancelLog(gate),
+            result_timeout=result_timeout,
         )
         self._teleop = AssistedTeleop(self._context)
         self._actions: list[Nav2Action] = [self._teleop]
-        self._speed_limit = SpeedLimit(standard, driving)
+        self.speed_limit = SpeedLimit(standard, driving)
 
     def start(self) -> None:
         """Create the other actions and the services, and start AssistedTeleop."""
-        standard = self._context.standard
+        context = self._context
         for action in _ACTIONS:
             if hasattr(nav2_actions, BY_NAME[action.name].type.partition("/")[2]):
                 self._actions.append(action(self._context))
-        Lifecycle(standard)
-        MapServer(standard)
-        Costmaps(standard)
-        standard.robot.thread.spawn(partial(keep_running, self._teleop.run, self._teleop.name))
-
-    def settings_changed(self) -> None:
-        """Apply changed parameters. Call it in the link thread."""
-        self._speed_limit.settings_changed()
+        Lifecycle(context)
+        MapServer(context)
+        Costmaps(context)
+        context.thread.spawn(partial(keep_running, self._teleop.run, self._teleop.name))
 
     @property
     def open_goals(self) -> int:

@@ -83,7 +83,7 @@ class Progress:
 
     def __init__(self, context: Nav2Context, stops: Sequence[PoseStamped]) -> None:
         self._robot_pose = context.pose
-        self._last_known = context.standard.robot.last_known
+        self._last_known = context.last_known
         self._stops = [from_pose(each.pose) for each in stops]
         """The poses that are still to be passed, the goal last."""
         self._goal = self._stops[-1]
@@ -258,31 +258,18 @@ class NavigateThroughPoses(_Navigation):
         )
         end: GoalEnd | None = None
         try:
-            await self._drive(goal, command, poses, progress)
+            await goal.run_command(command, tick=lambda: self._publish(goal, poses, progress))
         except GoalEnd as reason:
             end = reason
-            raise
+            is_refused = isinstance(reason, FailedCommand) and reason.cause is Cause.REFUSAL
+            if is_refused and len(poses) > _MANY:
+                many = f"the goal has {len(poses)} poses, which may be too many: send fewer"
+                end = GoalEnd(f"{reason}; {many}")
+            raise end from None
         finally:
             if hasattr(goal.result, "waypoint_statuses"):
                 passed = len(poses) if end is None else len(poses) - progress.stops_left()
                 goal.result.waypoint_statuses = _statuses(poses, passed, str(end or ""))
-
-    async def _drive(
-        self, goal: Nav2Goal, command: MoveBase, poses: Sequence[PoseStamped], progress: Progress
-    ) -> None:
-        """Let the chassis drive through the poses.
-
-        Raises:
-            GoalEnd: the goal is not reached. If the chassis refuses very many poses, the text says
-                that their number may be the reason.
-        """
-        try:
-            await goal.run_command(command, tick=lambda: self._publish(goal, poses, progress))
-        except FailedCommand as failure:
-            if failure.cause is Cause.REFUSAL and len(poses) > _MANY:
-                many = f"the goal has {len(poses)} poses, which may be too many: send fewer"
-                raise GoalEnd(f"{failure}; {many}") from None
-            raise
 
     def _publish(self, goal: Nav2Goal, poses: Sequence[PoseStamped], progress: Progress) -> None:
         left = progress.stops_left()
@@ -415,9 +402,8 @@ class SpeedLimit:
         driving: holds the goal that moves the robot.
     """
 
-    def __init__(self, context: PartContext, driving: Slot) -> None:
-        robot = context.robot
-        self._context = context
+    def __init__(self, robot: PartContext, driving: Slot) -> None:
+        self._robot = robot
         self._driving = driving
         self._log = LogOnce(_LOG)
         self._message: Any = None
@@ -428,7 +414,7 @@ class SpeedLimit:
             lambda work: asyncio.get_running_loop().create_task(work, name="nav2: speed limit"),
             self._refused,
         )
-        context.subscribe("speed_limit", self._received)
+        robot.subscribe("speed_limit", self._received)
 
     def settings_changed(self) -> None:
         """Limit the speed anew: a percentage refers to `cmd_vel_max_linear`."""
@@ -442,7 +428,7 @@ class SpeedLimit:
             self._log.warn("value", f"speed_limit is ignored, because it is {value:g}")
             return
         self._message = message
-        max_linear = self._context.settings().velocity_limits.max_linear
+        max_linear = self._robot.settings().velocity_limits.max_linear
         if message.percentage:
             limit = value / 100.0 * max_linear if value < 100.0 else math.inf
         else:

@@ -53,9 +53,7 @@ class _Planning(Nav2Action):
         return self.context.pose.stamped
 
     async def _path(self, stops: Sequence[PoseStamped]) -> Path:
-        path = Path()
-        path.header.stamp = self.context.standard.now()
-        path.header.frame_id = self.context.standard.frame("map")
+        path = Path(header=self.context.header("map"))
         for start, end in pairwise(stops):
             segment = await self._segment(start, end)
             if path.poses:  # a further segment begins with the last pose of the one before
@@ -71,10 +69,9 @@ class _Planning(Nav2Action):
         Raises:
             GoalEnd: there is no path.
         """
-        robot = self.context.standard.robot
         request = PlanNavPath(start=chassis_pose(start), end=chassis_pose(end))
         try:
-            answer = await robot.chassis.request(robot.requests.address(request))
+            answer = await self.context.chassis.request(self.context.requests.address(request))
         except LinkError as error:
             code = "TIMEOUT" if isinstance(error, RequestTimeoutError) else "UNKNOWN"
             raise GoalEnd(str(error), code) from None

@@ -49,7 +49,7 @@ class RobotPose:
         self._published: Pose2D | None = None
         """The pose that was published last; None to publish the next pose in any case."""
         self._publisher = context.publisher("amcl_pose")
-        chassis = context.robot.chassis
+        chassis = context.chassis
         chassis.on_snapshot(self._snapshot)
         chassis.on_state(self._link_changed)
         chassis.subscribe(PoseSpeed, self._reported)
@@ -59,9 +59,7 @@ class RobotPose:
     @property
     def stamped(self) -> PoseStamped:
         """The pose as a message with the current time; the origin while the pose is not known."""
-        message = PoseStamped()
-        message.header.stamp = self._context.now()
-        message.header.frame_id = self._context.frame("map")
+        message = PoseStamped(header=self._context.header("map"))
         if self.pose is not None:
             message.pose = to_pose(self.pose)
         return message
@@ -108,10 +106,10 @@ class RobotPose:
         """Request the pose: a robot that stands does not report a pose that was set."""
         self._published = None
         self._settled = asyncio.get_running_loop().time() + POSE_SET_INTERVAL
-        self._context.robot.thread.spawn(self._request_pose)
+        self._context.thread.spawn(self._request_pose)
 
     async def _request_pose(self) -> None:
-        robot = self._context.robot
+        robot = self._context
         try:
             await robot.chassis.request(robot.requests.empty(PoseSpeed), tap=self._answered)
         except LinkError as error:
@@ -123,9 +121,7 @@ class RobotPose:
 
     def _publish(self, pose: Pose2D) -> None:
         self._published = pose
-        message = PoseWithCovarianceStamped()
-        message.header.stamp = self._context.now()
-        message.header.frame_id = self._context.frame("map")
+        message = PoseWithCovarianceStamped(header=self._context.header("map"))
         message.pose.pose = to_pose(pose)
         # every seventh element is on the diagonal of the 6x6 matrix
         message.pose.covariance[::7] = self._context.settings().pose_covariance

@@ -19,9 +19,9 @@ from woosh_robot_agent.motion import Sender
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import SwitchMap
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, Scene
-from woosh_robot_agent.robot.maps import scene_map
+from woosh_robot_agent.robot.maps import find_map, scene_data
 from woosh_robot_agent.robot.readiness import objections_except_busy
-from woosh_robot_agent.ros.bridge import DeferredService, Reply
+from woosh_robot_agent.ros.bridge import Reply
 from woosh_robot_agent.ros.qos import RARE_QOS
 from woosh_robot_agent.ros.standard.map import grid
 from woosh_robot_agent.ros.standard.part import PartContext
@@ -35,7 +35,7 @@ class Lifecycle:
     """Services with the states of Nav2's nodes, for clients that wait until these are active."""
 
     def __init__(self, context: PartContext) -> None:
-        self._robot = context.robot
+        self._context = context
         for node, manager, is_active in (
             ("bt_navigator", MANAGERS[0], self._accepts_tasks),
             # even if the robot does not know its pose: clients wait for amcl before they set it
@@ -46,11 +46,11 @@ class Lifecycle:
             create_service(context, f"{manager}/manage_nodes", partial(_manage, manager, is_active))
 
     def _is_connected(self) -> bool:
-        return self._robot.chassis.state is LinkState.READY
+        return self._context.chassis.state is LinkState.READY
 
     def _accepts_tasks(self) -> bool:
         """Return True if the robot accepts tasks, or will do so after its current task."""
-        info = self._robot.last_known.value(RobotInfo)
+        info = self._context.last_known.value(RobotInfo)
         if info is None or not self._is_connected():
             return False
         return not objections_except_busy(info)
@@ -97,7 +97,6 @@ class MapServer:
 
     def __init__(self, context: PartContext) -> None:
         self._context = context
-        self._robot = context.robot
         create_service(context, "map_server/map", self._get)
         create_service(context, "map_server/load_map", self._load)
 
@@ -123,12 +122,12 @@ class MapServer:
         """
         if not name:
             return int(response.RESULT_MAP_DOES_NOT_EXIST)
-        if self._scene.map_name == name and self._robot.chassis.state is LinkState.READY:
+        if self._scene.map_name == name and self._context.chassis.state is LinkState.READY:
             return int(response.RESULT_SUCCESS)
         scene_name = await self._scene_of(name)
         if scene_name is None:
             return int(response.RESULT_MAP_DOES_NOT_EXIST)
-        answer = await self._robot.gate.request(
+        answer = await self._context.gate.request(
             SwitchMap(scene_name=scene_name, map_name=name),
             sender=Sender("map_server/load_map"),
         )
@@ -155,7 +154,7 @@ class MapServer:
             LinkError: the chassis does not answer.
         """
         current = self._scene.scene_name
-        answer = await self._robot.chassis.request(SceneList())
+        answer = await self._context.chassis.request(SceneList())
         if not answer.ok or not isinstance(answer.body, SceneList):
             return current  # the firmware does not list scenes
         scenes = {each.name: list(each.maps) for each in answer.body.scenes}
@@ -173,15 +172,14 @@ class MapServer:
 
     @property
     def _scene(self) -> Scene:
-        return self._robot.last_known.value(Scene) or Scene()
+        return self._context.last_known.value(Scene) or Scene()
 
     async def _grid(self) -> OccupancyGrid:
         """Return the map that the robot uses; blank if it cannot be read."""
         scene = self._scene
         try:
-            area = await scene_map(
-                self._robot.chassis, scene.scene_name, scene.map_id, scene.map_name
-            )
+            data = await scene_data(self._context.chassis, scene.scene_name)
+            area = find_map(data, scene.map_id, scene.map_name)
             origin = Pose2D.from_message(area.origin)
             return await grid(self._context, area.map_png, area.resolution, origin)
         except (LinkError, ValueError) as error:
@@ -216,19 +214,14 @@ def create_service(
     Args:
         answer: fills the response to a request, in the link thread.
     """
-    service_class = class_of(BY_NAME[name].type, "srv")
+    response_class = class_of(BY_NAME[name].type, "srv").Response
 
     async def work(request: Any, reply: Reply) -> None:
-        response = service_class.Response()
+        response = response_class()
         await answer(request, response)
         reply.send(response)
 
-    DeferredService(
-        context.robot.node,
-        service_class,
-        name,
-        lambda request, reply: context.robot.thread.spawn(
-            partial(work, request, reply), reply.fail
-        ),
-        qos=RARE_QOS,
-    )
+    def handle(request: Any, reply: Reply) -> None:
+        context.thread.spawn(partial(work, request, reply), reply.fail)
+
+    context.service(name, handle, qos=RARE_QOS)

@@ -34,11 +34,11 @@ class Stop(Part):
 
     def _stop_requested(self, _request: Any, reply: Reply) -> None:
         # at once: commands that wait for the link thread must not be sent before the stop
-        self._context.robot.gate.announce_stop()
-        self._context.robot.thread.spawn(partial(self._stop, reply), reply.fail)
+        self._context.gate.announce_stop()
+        self._context.thread.spawn(partial(self._stop, reply), reply.fail)
 
     async def _stop(self, reply: Reply) -> None:
-        report = await self._context.robot.gate.stop(_STOP_TIMEOUT)
+        report = await self._context.gate.stop(_STOP_TIMEOUT)
         if not report.success:
             _LOG.error("stop: %s", report.message)
         reply.send(Trigger.Response(success=report.success, message=report.message))
@@ -63,10 +63,7 @@ class CmdVel(Part):
     def __init__(self, context: PartContext) -> None:
         self._context = context
         self._driver = VelocityDriver(
-            context.robot.gate,
-            context.robot.chassis,
-            "cmd_vel",
-            lambda: context.settings().velocity_limits,
+            context.gate, context.chassis, "cmd_vel", lambda: context.settings().velocity_limits
         )
         stamped = context.settings().cmd_vel_stamped
         context.subscribe(
@@ -76,7 +73,7 @@ class CmdVel(Part):
             with_info=True,
             urgent=True,
         )
-        self._topic = context.robot.node.resolve_topic_name("cmd_vel")
+        self._topic = context.node.resolve_topic_name("cmd_vel")
         self._publishers = Interleaving()
         """Detects several publishers by the sequence numbers of their messages."""
         self._clock = SenderClock()
@@ -87,11 +84,11 @@ class CmdVel(Part):
         """True if the robot reports that its emergency stop is pressed."""
         self._control_mode: int | None = None
         """Control mode of the robot; None before its first report."""
-        chassis = context.robot.chassis
+        chassis = context.chassis
         chassis.on_snapshot(self._snapshot)
         chassis.subscribe(DeviceState, self._device_changed)
         chassis.subscribe(Mode, self._mode_changed)
-        context.robot.gate.on_answered(self._answered)
+        context.gate.on_answered(self._answered)
 
     async def run(self) -> None:
         await self._driver.run()
@@ -147,7 +144,7 @@ class CmdVel(Part):
 
     def _publisher_names(self) -> list[str]:
         """Return the names of all publishers; the ROS graph does not tell which ones send."""
-        publishers = self._context.robot.node.get_publishers_info_by_topic(self._topic)
+        publishers = self._context.node.get_publishers_info_by_topic(self._topic)
         names = sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in publishers)
         return [f"{name} (on cmd_vel)" for name in names]
 

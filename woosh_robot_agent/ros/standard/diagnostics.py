@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from woosh_robot_agent.link import ChassisClient, LinkState
+from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.protos import enum_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
@@ -28,12 +28,8 @@ from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.second_agent import SecondAgentDetector
 from woosh_robot_agent.ros.standard.part import NO_TIME, Part, PartContext
 
-OK, WARN, ERROR, STALE = (
-    DiagnosticStatus.OK,
-    DiagnosticStatus.WARN,
-    DiagnosticStatus.ERROR,
-    DiagnosticStatus.STALE,
-)
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
 
 @dataclass
@@ -127,16 +123,10 @@ def _yes_or_no(value: bool | None) -> str:
     return "unknown" if value is None else "yes" if value else "no"
 
 
-def clock_status(offset: float | None, now: int) -> Status:
-    """Return the status of the robot's clock, and of the clock of this node.
-
-    Args:
-        offset: time by which the robot's clock is ahead of this computer's, in seconds; None if it
-            is not known.
-        now: the node's current time; 0 while no time has come on /clock.
-    """
-    status = Status("clock")
-    if not now:
+def clock_status(context: PartContext) -> Status:
+    """Return the status of the robot's clock, and of the clock of this node."""
+    status, offset = Status("clock"), context.chassis.stats.clock_offset
+    if not context.now_ns():
         status.add(WARN, NO_TIME)
     if offset is None:
         status.values = {"offset": "unknown, because the robot sends no times"}
@@ -186,17 +176,10 @@ def devices(hardware: HardwareState) -> Iterator[tuple[str, int]]:
             yield from ((f"{descriptor.name} {i}", each) for i, each in enumerate(value, start=1))
 
 
-def link_status(
-    chassis: ChassisClient, superseded: int, longest_turns: tuple[float, float]
-) -> Status:
-    """Return the status of the link: its state, and counters of traffic and losses.
-
-    Args:
-        superseded: number of velocities that were not sent because they were out of date.
-        longest_turns: longest turn of the link thread's event loop in the last minutes, and since
-            the start, in seconds. Commands wait for the end of a turn.
-    """
-    stats, status = chassis.stats, Status("link")
+def link_status(context: PartContext) -> Status:
+    """Return the status of the link: its state, and counters of traffic and losses."""
+    chassis, status = context.chassis, Status("link")
+    stats = chassis.stats
     if chassis.state is not LinkState.READY:
         why = f": {chassis.last_error}" if chassis.last_error else ""
         status.add(ERROR, f"{chassis.state.value}{why}")
@@ -204,7 +187,8 @@ def link_status(
     if observes_only:
         status.add(OK, "observes only: commands are refused")
     round_trip = "unknown" if stats.round_trip is None else f"{stats.round_trip * 1000:.1f} ms"
-    lately, ever = (f"{seconds * 1000:.1f} ms" for seconds in longest_turns)
+    turns = context.thread.loop_thread.longest_turns  # commands wait for the end of a turn
+    lately, ever = (f"{seconds * 1000:.1f} ms" for seconds in turns)
     status.values = {
         "state": chassis.state.value,
         "address": chassis.config.address,
@@ -217,7 +201,7 @@ def link_status(
         "parse errors": sum(stats.bad_frames.values()),
         "drops": sum(stats.dropped_pushes.values()),
         "refused requests": sum(stats.refused_requests.values()),
-        "superseded velocities": superseded,
+        "superseded velocities": context.gate.superseded,
         "link thread held": f"{lately}, {ever} since the start",
         "timeouts": sum(stats.timeouts.values()),
         "late answers": stats.late_answers,
@@ -261,10 +245,9 @@ class Diagnostics(Part):
         await self._subscribers.repeat(lambda: _RATE, self._publish)
 
     async def _publish(self, _now: float) -> None:
-        context, robot_context = self._context, self._context.robot
-        chassis, info = robot_context.chassis, robot_context.last_known.value(RobotInfo)
-        superseded, turns = robot_context.gate.superseded, robot_context.thread.longest_turns
-        statuses = [link_status(chassis, superseded, turns)]
+        context = self._context
+        info = context.last_known.value(RobotInfo)
+        statuses = [link_status(context)]
         hardware_id = ""
         if info is not None:
             hardware_id = str(info.robot_id or info.genral.serial_number)
@@ -274,15 +257,15 @@ class Diagnostics(Part):
                 hardware_status(info.hardware_state),
                 codes_status(info),
                 motion_status(context.watch),
-                clock_status(chassis.stats.clock_offset, context.now_ns()),
+                clock_status(context),
             ]
-            if chassis.state is not LinkState.READY:
+            if context.chassis.state is not LinkState.READY:
                 for status in of_robot:
                     status.level = STALE
                     status.texts.insert(0, "no link; last known values")
             statuses += of_robot
         statuses.append(agents_status(context.second_agent_detector))
-        prefix = robot_context.node.get_fully_qualified_name().lstrip("/")
+        prefix = context.node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray(status=[each.message(prefix, hardware_id) for each in statuses])
         message.header.stamp = context.now()
         self._publisher.publish(message)

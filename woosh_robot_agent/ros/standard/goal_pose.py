@@ -38,7 +38,7 @@ class InitialPose(Part):
         context.subscribe("initialpose", self._received)
 
     def _received(self, message: Any) -> None:
-        if reason := self._context.robot.chassis.refusal(SetRobotPose()):
+        if reason := self._context.chassis.refusal(SetRobotPose()):
             self._log.warn("not permitted", f"initialpose is ignored: {reason}")
             return
         self._log.clear()
@@ -50,13 +50,11 @@ class InitialPose(Part):
             return
         request = SetRobotPose()
         request.pose.x, request.pose.y, request.pose.theta = pose.x, pose.y, pose.theta
-        self._context.robot.thread.spawn(partial(self._set, request))
+        self._context.thread.spawn(partial(self._set, request))
 
     async def _set(self, request: SetRobotPose) -> None:
         try:
-            answer = await self._context.robot.chassis.request(
-                self._context.robot.requests.address(request)
-            )
+            answer = await self._context.chassis.request(self._context.requests.address(request))
         except LinkError as error:
             _LOG.error("initialpose was not set: %s", error)
             return
@@ -82,14 +80,12 @@ class GoalPose(Part):
         self._context = context
         self._log = LogOnce(_LOG)
         self._action = class_of(_MOVE_BASE.action, "action")
-        self._client = ActionClient(context.robot.node, self._action, _MOVE_BASE.name)
-        self._newest = 0
-        """Number of the newest goal_pose."""
+        self._client = ActionClient(context.node, self._action, _MOVE_BASE.name)
         self._handles: list[Any] = []
         """rclpy's handles of the active goals, oldest first. The robot may have refused the newest
         one, and still execute the one before."""
-        self._sending = False
-        """True from a goal_pose until the action server has answered its goal."""
+        self._sending: Any = None
+        """rclpy's future of the answer to the newest goal; None once it has come."""
         self._waiting_cancels: list[Reply] = []
         """Cancel requests that wait until the action server has answered the newest goal."""
         self._clock = SenderClock()
@@ -101,12 +97,12 @@ class GoalPose(Part):
         self._client.destroy()  # `Node.destroy_node` leaves it: the node would stay in the graph
 
     def _received(self, message: Any, info: Mapping[str, Any], taken: float) -> None:
-        if reason := self._context.robot.chassis.refusal(CallAction()):
+        if reason := self._context.chassis.refusal(CallAction()):
             self._log.warn("not permitted", f"goal_pose is ignored: {reason}")
             return
         self._log.clear()
         published = self._clock.of_message(info, taken)
-        if objection := self._context.robot.gate.refusal(published):
+        if objection := self._context.gate.refusal(published):
             _LOG.error("goal_pose is ignored: %s", objection)
             return
         try:
@@ -117,11 +113,8 @@ class GoalPose(Part):
         if not self._client.server_is_ready():  # the goal would be lost without an answer
             _LOG.error("goal_pose is ignored: the agent is still starting; send it again")
             return
-        self._newest += 1
-        number = self._newest
-        self._sending = True
-        response = self._client.send_goal_async(self._goal(pose))
-        response.add_done_callback(lambda future: self._goal_answered(number, future))
+        self._sending = self._client.send_goal_async(self._goal(pose))
+        self._sending.add_done_callback(self._goal_answered)
 
     def _goal(self, pose: Pose2D) -> Any:
         goal = self._action.Goal()
@@ -131,13 +124,13 @@ class GoalPose(Part):
         goal.arg.target_pose.theta = pose.theta
         return goal
 
-    def _goal_answered(self, number: int, future: Any) -> None:
+    def _goal_answered(self, future: Any) -> None:
         """Keep an accepted goal until it ends; run the cancels that waited for the newest goal."""
         handle = future.result()
         if handle.accepted:
             self._handles.append(handle)
-        if number == self._newest:
-            self._sending = False
+        if future is self._sending:
+            self._sending = None
             for reply in self._waiting_cancels:
                 self._cancel(reply)
             self._waiting_cancels.clear()
@@ -147,7 +140,7 @@ class GoalPose(Part):
 
     def _ended(self, handle: Any, future: Any) -> None:
         """Log that a goal was reached, or was aborted unless a newer one replaces it."""
-        log_as(self._context.robot.node.get_logger())
+        log_as(self._context.node.get_logger())
         self._handles.remove(handle)
         response = future.result()
         reason = response.result.ret.msg
@@ -157,7 +150,7 @@ class GoalPose(Part):
             _LOG.info("goal_pose was reached")
 
     def _cancel_requested(self, _request: Any, reply: Reply) -> None:
-        if self._sending:
+        if self._sending is not None:
             self._waiting_cancels.append(reply)
         else:
             self._cancel(reply)

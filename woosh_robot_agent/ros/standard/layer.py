@@ -58,7 +58,7 @@ class StandardLayer:
         """Start all parts. Thread-safe."""
         for part in self._parts:
             run = partial(keep_running, part.run, type(part).__name__)
-            self._context.robot.thread.spawn(run)
+            self._context.thread.spawn(run)
 
     @property
     def map_to_odom(self) -> Pose2D | None:

@@ -29,7 +29,13 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.robot.maps import MapError, cells_of, check_resolution_and_origin, scene_map
+from woosh_robot_agent.robot.maps import (
+    MapError,
+    cells_of,
+    check_resolution_and_origin,
+    find_map,
+    scene_data,
+)
 from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
 from woosh_robot_agent.ros.subscribers import Subscribers
@@ -163,9 +169,9 @@ class Map(Part):
         """Number of maps that the robot has finished; a map requested before is dropped."""
         self._shows_growing = False
         """True if the last message was a map that the robot was making."""
-        self._growing = GrowingMap(context.robot.chassis, self._subscribers, self._map_finished)
-        context.robot.chassis.on_snapshot(self._snapshot)
-        context.robot.chassis.subscribe(Scene, self._scene_reported)
+        self._growing = GrowingMap(context.chassis, self._subscribers, self._map_finished)
+        context.chassis.on_snapshot(self._snapshot)
+        context.chassis.subscribe(Scene, self._scene_reported)
 
     async def run(self) -> None:
         await self._subscribers.repeat(lambda: _CHECK_RATE, self._check)
@@ -173,7 +179,7 @@ class Map(Part):
     async def _check(self, now: float) -> None:
         """Request or publish the map if needed."""
         self._growing.subscribe()
-        if self._context.robot.chassis.state is not LinkState.READY:
+        if self._context.chassis.state is not LinkState.READY:
             return
         if self._growing.active:
             await self._publish_growing()
@@ -207,7 +213,7 @@ class Map(Part):
         self._finished_maps += 1
         self._request_soon()
         if self._shows_growing:
-            self._context.robot.thread.spawn(self._replace_growing)
+            self._context.thread.spawn(self._replace_growing)
 
     async def _replace_growing(self) -> None:
         """Publish the scene's map also without subscribers.
@@ -229,7 +235,7 @@ class Map(Part):
         try:
             message = await grid(self._context, report.map_data, report.resolution, origin)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(
+            self._context.chassis.count_bad_value(
                 BuildMapData, f"no map while the robot is making one, {error}"
             )
             return
@@ -248,7 +254,8 @@ class Map(Part):
         self._not_before = clock() + _RETRY_DELAY
         self._costs_link = False
         try:
-            area = await scene_map(self._context.robot.chassis, used.scene, used.map_id, used.name)
+            scene = await scene_data(self._context.chassis, used.scene)
+            area = find_map(scene, used.map_id, used.name)
         except (LinkError, MapError) as error:
             if isinstance(error, ConnectionLostError | RequestTimeoutError):
                 self._not_before = clock() + self._retry.next()
@@ -259,7 +266,7 @@ class Map(Part):
             origin = Pose2D.from_message(area.origin)
             message = await grid(self._context, area.map_png, area.resolution, origin)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(SceneData, f"no map, {error}")
+            self._context.chassis.count_bad_value(SceneData, f"no map, {error}")
             return
         mask = await self._keepout_mask(area, message)
         is_outdated = finished != self._finished_maps or used != self._used
@@ -283,7 +290,7 @@ class Map(Part):
             origin = Pose2D.from_message(area.origin)
             mask = await grid(self._context, area.keepout_png, area.resolution, origin)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(SceneData, f"no keepout_mask, {error}")
+            self._context.chassis.count_bad_value(SceneData, f"no keepout_mask, {error}")
             return None
         mask.header, mask.info.map_load_time = published.header, published.info.map_load_time
         return mask
@@ -305,9 +312,8 @@ async def grid(
     check_resolution_and_origin(resolution, origin.x, origin.y)
     # in another thread, because decoding a large image would block the link
     width, height, cells = await asyncio.to_thread(cells_of, image)
-    message = OccupancyGrid(data=cells)
-    message.header.stamp = message.info.map_load_time = context.now()
-    message.header.frame_id = context.frame("map")
+    message = OccupancyGrid(header=context.header("map"), data=cells)
+    message.info.map_load_time = message.header.stamp
     message.info.resolution = resolution
     message.info.width, message.info.height = width, height
     message.info.origin = to_pose(origin)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from itertools import pairwise
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -51,8 +52,12 @@ class Odom(Part):
         self._message.header.frame_id = context.frame("odom")
         self._covariances_of: StandardSettings | None = None
         """Settings whose covariances are in `_message`."""
-        self._transforms: Any = self._blank_transforms() if settings.publish_tf else None
+        self._transforms: Any = None
         """The TFMessage for /tf, reused for each message."""
+        if settings.publish_tf:
+            frames = tuple(map(context.frame, ("map", "odom", "base")))
+            chain = [(*pair, Pose2D()) for pair in pairwise(frames)]
+            self._transforms = transforms(context.now(), *chain)
         self._received = -math.inf
         """Loop time of the last usable report."""
         self._last_forwarded = -math.inf
@@ -61,11 +66,11 @@ class Odom(Part):
         """Loop time of the last message."""
         self._is_pose_known = False
         """True if the robot has reported its pose since the link became ready."""
-        context.robot.chassis.on_snapshot(self._snapshot)
-        context.robot.chassis.on_state(self._link_changed)
+        context.chassis.on_snapshot(self._snapshot)
+        context.chassis.on_state(self._link_changed)
         for request in (InitRobot, SetRobotPose, SwitchMap):
-            context.robot.chassis.on_accepted(request, self._pose_set)
-        context.robot.chassis.subscribe(PoseSpeed, self._pushed)
+            context.chassis.on_accepted(request, self._pose_set)
+        context.chassis.subscribe(PoseSpeed, self._pushed)
 
     @property
     def map_to_odom(self) -> Pose2D | None:
@@ -104,12 +109,12 @@ class Odom(Part):
             pose = Pose2D.from_message(report.pose)
             check_finite("speed", twist.linear, twist.angular)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(PoseSpeed, str(error))
+            self._context.chassis.count_bad_value(PoseSpeed, str(error))
             return
         now = asyncio.get_running_loop().time()
         odometry = self._odometry
         if not odometry.update(pose, twist.linear, twist.angular, report.map_id, now):
-            self._context.robot.chassis.count_bad_value(
+            self._context.chassis.count_bad_value(
                 PoseSpeed,
                 f"speeds are ignored, because the robot cannot have them: linear {twist.linear:g} "
                 f"m/s, angular {twist.angular:g} rad/s; odom takes them from the poses",
@@ -139,7 +144,7 @@ class Odom(Part):
         """Return True if `share` of the period has passed since `last`, and odom may be sent."""
         if now - last < share / self._rate():
             return False
-        ready = self._is_pose_known and self._context.robot.chassis.state is LinkState.READY
+        ready = self._is_pose_known and self._context.chassis.state is LinkState.READY
         return ready and self._subscribers.present
 
     def _publish_predicted(self) -> None:
@@ -176,14 +181,6 @@ class Odom(Part):
         twist.linear.x, twist.linear.y = velocity.forward, velocity.left
         twist.angular.z = velocity.turn
         return message
-
-    def _blank_transforms(self) -> Any:
-        frame = self._context.frame
-        return transforms(
-            self._context.now(),
-            (frame("map"), frame("odom"), Pose2D()),
-            (frame("odom"), frame("base"), Pose2D()),
-        )
 
 
 def transforms(stamp: Any, *chain: tuple[str, str, Pose2D]) -> Any:

@@ -34,44 +34,30 @@ _CORRECTION = 0.7
 lasts."""
 
 
-class ReportTime:
-    """Estimates when the pose in each report was measured, without the jitter of the network.
+def report_time(received: float, last: float, arc: Arc, before: Velocity, after: Velocity) -> float:
+    """Return when the pose in a report was measured, without the jitter of the network.
 
     If the time of receipt were used for a delayed report, the pose would fall behind, and would
     have to catch up with the next report. The movement between two reports, divided by the
     reported speeds, gives the time between them. A report that comes later was delayed.
+
+    Args:
+        received: time of receipt, in seconds. The result is never after it.
+        last: the result for the previous report.
+        arc: movement since the previous report.
+        before: velocity in the previous report.
+        after: velocity in this report.
     """
-
-    def __init__(self) -> None:
-        self._last = -math.inf
-        """Estimated time of the previous report."""
-
-    def first(self, received: float) -> float:
-        """Return the time of receipt as that of a report without a comparable previous one."""
-        self._last = received
-        return received
-
-    def next(self, received: float, arc: Arc, before: Velocity, after: Velocity) -> float:
-        """Return the time of a report's pose, which is never after the receipt.
-
-        Args:
-            received: time of receipt, in seconds.
-            arc: movement since the previous report.
-            before: velocity in the previous report.
-            after: velocity in this report.
-        """
-        time = received
-        forward = (before.forward + after.forward) / 2
-        edge = (before.turn + after.turn) / 2 * LEVER  # speed of a point beside the robot
-        square = forward * forward + edge * edge
-        if before.moving and square > _MIN_SPEED * _MIN_SPEED:
-            # the duration that fits both movements best, by least squares
-            duration = (forward * arc.forward + edge * arc.turn * LEVER) / square
-            delay = received - self._last - _TOLERANCE * max(duration, 0.0)
-            if 0.0 < delay < _MAX_REPORT_DELAY:
-                time -= _CORRECTION * delay
-        self._last = time
-        return time
+    forward = (before.forward + after.forward) / 2
+    edge = (before.turn + after.turn) / 2 * LEVER  # speed of a point beside the robot
+    square = forward * forward + edge * edge
+    if before.moving and square > _MIN_SPEED * _MIN_SPEED:
+        # the duration that fits both movements best, by least squares
+        duration = (forward * arc.forward + edge * arc.turn * LEVER) / square
+        delay = received - last - _TOLERANCE * max(duration, 0.0)
+        if 0.0 < delay < _MAX_REPORT_DELAY:
+            return received - _CORRECTION * delay
+    return received
 
 
 HORIZON = 0.3
@@ -99,7 +85,8 @@ class Prediction:
     def __init__(self) -> None:
         self._pose = Pose2D()
         """Pose in the last report."""
-        self._velocity = STANDSTILL
+        self.velocity = STANDSTILL
+        """The velocity in the last report, or zero after `stand`."""
         self._time = -math.inf
         """Time of the last report."""
         self._before = STANDSTILL
@@ -122,11 +109,6 @@ class Prediction:
         """Time at which blending began."""
 
     @property
-    def velocity(self) -> Velocity:
-        """The velocity in the last report, or zero after `stand`."""
-        return self._velocity
-
-    @property
     def last(self) -> Pose2D:
         """The last predicted pose, or the pose of the last report if that is newer."""
         return self._last if self._last_time >= self._time else self._pose
@@ -137,18 +119,18 @@ class Prediction:
         Args:
             time: time of the pose and the velocity; may be before the last predicted time.
         """
-        self._before, self._interval = self._velocity, time - self._time
-        self._pose, self._velocity, self._time = pose, velocity, time
+        self._before, self._interval = self.velocity, time - self._time
+        self._pose, self.velocity, self._time = pose, velocity, time
         self._is_new = True
 
     def stand(self) -> None:
         """Assume that the robot stands at the last reported pose: no further report came."""
-        if self._velocity != STANDSTILL:
+        if self.velocity != STANDSTILL:
             self.report(self._pose, STANDSTILL, self._time)
 
     def can_predict(self, time: float) -> bool:
         """Return True if the pose can be predicted: the robot stands, or has reported recently."""
-        return not self._velocity.moving or time - self._time <= HORIZON
+        return not self.velocity.moving or time - self._time <= HORIZON
 
     def predict(self, time: float) -> tuple[Pose2D, Velocity]:
         """Return the pose and the velocity of the robot.
@@ -167,8 +149,8 @@ class Prediction:
                 pose.y + remaining * error.y,
                 math.remainder(pose.theta + remaining * error.theta, math.tau),
             )
-        self._last_time, self._last, self._last_velocity = time, pose, self._velocity
-        elapsed, velocity, acceleration = time - self._time, self._velocity, self._acceleration
+        self._last_time, self._last, self._last_velocity = time, pose, self.velocity
+        elapsed, velocity, acceleration = time - self._time, self.velocity, self._acceleration
         if elapsed > 0.0 and velocity.moving:
             velocity = Velocity(
                 _slowed(velocity.forward, acceleration.forward, elapsed),
@@ -180,7 +162,7 @@ class Prediction:
     def _start(self, time: float) -> None:
         """Prepare to predict from a new report; `time` is that of its first prediction."""
         self._is_new = False
-        interval, now, before = self._interval, self._velocity, self._before
+        interval, now, before = self._interval, self.velocity, self._before
         if not _MIN_REPORT_INTERVAL <= interval <= _MAX_INTERVAL:
             interval, before = 1.0, now  # makes the acceleration 0: it is not known
         self._acceleration = Velocity(
@@ -208,7 +190,7 @@ class Prediction:
         driven at the speed before or after the pause, or at any speed between these.
         """
         forward, left, turn = pose.seen_from(self._last).arc
-        before, now = self._last_velocity, self._velocity
+        before, now = self._last_velocity, self.velocity
         return self._last * Pose2D.from_arc(
             _limited(forward, before.forward, now.forward, pause),
             _limited(left, before.left, now.left, pause),
@@ -218,7 +200,7 @@ class Prediction:
     def _unblended(self, time: float) -> Pose2D:
         """Return the pose at a time as predicted from the last report, without blending."""
         elapsed = max(-HORIZON, min(time - self._time, HORIZON))
-        velocity, acceleration = self._velocity, self._acceleration
+        velocity, acceleration = self.velocity, self._acceleration
         if elapsed > 0.0:
             if not velocity.moving:
                 return self._pose
@@ -312,7 +294,6 @@ class Odometry:
         self.time = -math.inf
         self._reported = Pose2D()
         """Last reported pose, in `map`."""
-        self._report_time = ReportTime()
         self._received = -math.inf
         """Time of receipt of the last report."""
         self._sideways = 0.0
@@ -367,18 +348,18 @@ class Odometry:
         after = Velocity(forward, 0.0, turn)
         sideways = 0.0
         if not self._is_comparable:  # there is no last report: the pose in odom stays
-            self.time = self._report_time.first(received)
+            self.time = received
             self.map_to_odom = reported * self.pose.inverse
         elif map_id != self._map_id or self._jumped(moved, arc, after, interval, received):
             # the robot has driven on at the reported speeds; the rest of the movement is a jump
-            self.time = self._report_time.first(received)
+            self.time = received
             mean_forward, mean_turn = (before.forward + forward) / 2, (before.turn + turn) / 2
             self.pose *= Pose2D.from_arc(mean_forward * interval, 0.0, mean_turn * interval)
             self.map_to_odom = reported * self.pose.inverse
             self._pose_set_until = -math.inf  # one jump is expected, and has come
         else:
             last = self.time
-            self.time = self._report_time.next(received, arc, before, after)
+            self.time = report_time(received, last, arc, before, after)
             self.pose *= moved
             # If reports are rare, the robot stands, and a sideways movement is a correction of its
             # localisation.

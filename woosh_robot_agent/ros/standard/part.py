@@ -9,6 +9,8 @@ from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Header
 
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.parameters import StandardSettings
@@ -17,7 +19,7 @@ from woosh_robot_agent.ros.bridge import DeferredService, Reply
 from woosh_robot_agent.ros.context import RobotContext
 from woosh_robot_agent.ros.entities import UrgentCallbackGroup
 from woosh_robot_agent.ros.logs import log_as
-from woosh_robot_agent.ros.qos import latched, reliable
+from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.ros.second_agent import SecondAgentDetector
 from woosh_robot_agent.ros.standard_endpoints import BY_NAME, Kind
 from woosh_robot_agent.ros.subscribers import Subscribers, create_publisher
@@ -39,17 +41,15 @@ class Part:
 
 
 @dataclass(frozen=True)
-class PartContext:
+class PartContext(RobotContext):
     """The objects that the parts share, and methods that create their ROS entities.
 
     Attributes:
-        robot: the objects shared with the services and actions. The parts run in its link thread.
         watch: observers of what the robot does and who drives it.
         second_agent_detector: warns of a second agent in the same namespace.
         settings: returns the current parameter values.
     """
 
-    robot: RobotContext
     watch: Watch
     second_agent_detector: SecondAgentDetector
     settings: Callable[[], StandardSettings]
@@ -58,6 +58,10 @@ class PartContext:
         """Return the name of the frame `map`, `odom`, `base` or `scan`, with the prefix."""
         settings = self.settings()
         return settings.frame_prefix + str(getattr(settings, f"{which}_frame"))
+
+    def header(self, which: str) -> Header:
+        """Return a header with the current time and the frame `which`, as for `frame`."""
+        return Header(stamp=self.now(), frame_id=self.frame(which))
 
     def now(self) -> Time:
         """Return the node's current time."""
@@ -69,7 +73,7 @@ class PartContext:
 
         It is 0 while no time has come on /clock.
         """
-        node = self.robot.node
+        node = self.node
         # rclpy's clock takes a hundred times as long as the system's
         if node.get_parameter("use_sim_time").value:
             return int(node.get_clock().now().nanoseconds)
@@ -83,14 +87,15 @@ class PartContext:
                 stop while there are none.
         """
         endpoint = BY_NAME[name]
-        profile = (latched if endpoint.kind is Kind.LATCHED else reliable)(endpoint.depth)
+        depth = endpoint.depth
+        profile = latched(depth) if endpoint.kind is Kind.LATCHED else QoSProfile(depth=depth)
         if subscribers is not None:
             return subscribers.publisher(class_of(endpoint.type), name, profile)
-        return create_publisher(self.robot.node, class_of(endpoint.type), name, profile)
+        return create_publisher(self.node, class_of(endpoint.type), name, profile)
 
     def subscribers(self) -> Subscribers:
         """Return a new `Subscribers`, which creates publishers and counts their subscribers."""
-        return Subscribers(self.robot.node, self.robot.thread)
+        return Subscribers(self.node, self.thread)
 
     def subscribe(
         self,
@@ -113,29 +118,27 @@ class PartContext:
             urgent: True to receive messages before all other callbacks (`UrgentCallbackGroup`).
         """
         endpoint = BY_NAME[name]
-        call = partial(self._call if in_executor else self.robot.thread.call, callback)
-        self.robot.node.create_subscription(
+        call = partial(self._call if in_executor else self.thread.call, callback)
+        self.node.create_subscription(
             class_of(type_name or endpoint.type),
             name,
             (lambda message, info: call(message, info, time.monotonic())) if with_info else call,
-            reliable(endpoint.depth),
+            endpoint.depth,
             callback_group=UrgentCallbackGroup() if urgent else None,
         )
 
-    def service(
-        self, name: str, handle: Callable[[Any, Reply], None], *, urgent: bool = False
-    ) -> None:
+    def service(self, name: str, handle: Callable[[Any, Reply], None], **options: Any) -> None:
         """Create a service in `standard_endpoints.BY_NAME`.
 
         Args:
             handle: called with each request and its `Reply` in the executor thread; must not block.
                 The response may be sent later.
-            urgent: True to handle requests before all other callbacks (`UrgentCallbackGroup`).
+            options: `urgent` and `qos` of `DeferredService`.
         """
         srv = class_of(BY_NAME[name].type, "srv")
-        DeferredService(self.robot.node, srv, name, handle, urgent=urgent)
+        DeferredService(self.node, srv, name, handle, **options)
 
     def _call(self, callback: Callable[..., None], *arguments: Any) -> None:
         """Call a callback in the executor thread; it logs to the node's logger."""
-        log_as(self.robot.node.get_logger())
+        log_as(self.node.get_logger())
         callback(*arguments)

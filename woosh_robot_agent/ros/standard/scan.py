@@ -52,13 +52,11 @@ class Scan(Part):
         )
         with_tf = settings.publish_tf and settings.publish_laser_tf
         self._tf_static = context.publisher("/tf_static") if with_tf else None
-        self._laser_pose: Pose2D | None = None
-        """Pose of the laser on /tf_static; None before it was published."""
-        self._laser_height = 0.0
-        """Height of that pose, in metres."""
+        self._laser: tuple[Pose2D, float] | None = None
+        """Pose of the laser on /tf_static, and its height; None before it was published."""
         self._requests_pose = False
         """True while `_request_pose` runs."""
-        context.robot.chassis.on_state(self._link_changed)
+        context.chassis.on_state(self._link_changed)
 
     async def run(self) -> None:
         await self._subscribers.repeat(
@@ -66,19 +64,19 @@ class Scan(Part):
         )
 
     async def _request_if_ready(self, _now: float) -> None:
-        if self._context.robot.chassis.state is LinkState.READY:
+        if self._context.chassis.state is LinkState.READY:
             await self._request()
 
     def _link_changed(self, state: LinkState) -> None:
         if self._tf_static is not None and state is LinkState.READY:
-            self._context.robot.thread.spawn(self._request_pose)
+            self._context.thread.spawn(self._request_pose)
 
     async def _request_pose(self) -> None:
         """Request scans until one has been read, whose pose of the laser is then published."""
         if self._requests_pose:  # since an earlier link
             return
         self._requests_pose = True
-        chassis = self._context.robot.chassis
+        chassis = self._context.chassis
         try:
             while chassis.state is LinkState.READY and not await self._request():
                 await asyncio.sleep(_RETRY_DELAY)
@@ -94,8 +92,8 @@ class Scan(Part):
         loop = asyncio.get_running_loop()
         sent = loop.time()
         try:
-            answer = await self._context.robot.chassis.request(
-                self._context.robot.requests.empty(ScannerDataProto), _TIMEOUT
+            answer = await self._context.chassis.request(
+                self._context.requests.empty(ScannerDataProto), _TIMEOUT
             )
         except LinkError as error:
             self._log.warn("link", f"no scan: {error}")
@@ -114,7 +112,7 @@ class Scan(Part):
         except FrameError:  # the link has counted and logged it
             return False
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(ScannerDataProto, f"no scan, {error}")
+            self._context.chassis.count_bad_value(ScannerDataProto, f"no scan, {error}")
             return False
         self._log.clear()
         return True
@@ -155,12 +153,12 @@ class Scan(Part):
         try:
             check_finite("offset", data.offset.x, data.offset.y, data.offset.z)
         except ValueError as error:
-            self._context.robot.chassis.count_bad_value(ScannerDataProto, str(error))
+            self._context.chassis.count_bad_value(ScannerDataProto, str(error))
             return
         pose, height = Pose2D(data.offset.x, data.offset.y), data.offset.z
-        if (pose, height) == (self._laser_pose, self._laser_height):
+        if (pose, height) == self._laser:
             return
-        self._laser_pose, self._laser_height = pose, height
+        self._laser = pose, height
         frame = self._context.frame
         message = transforms(self._context.now(), (frame("base"), frame("scan"), pose))
         message.transforms[0].transform.translation.z = height

@@ -6,21 +6,23 @@ import logging
 import math
 import struct
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Point32, PolygonStamped
 from google.protobuf.message import Message
 from nav_msgs.msg import Path
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import Bool, Header
+from std_msgs.msg import Bool
 
 from woosh_robot_agent.convert.cdr import HEADER_SIZE, serialize
-from woosh_robot_agent.link import Answer, Body, LinkError, LinkState
+from woosh_robot_agent.link import Answer, LinkError, LinkState
 from woosh_robot_agent.link.tasks import LARGE, aside
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
 from woosh_robot_agent.robot.last_known import is_part_of_info, parts_of
 from woosh_robot_agent.ros.standard.part import Part, PartContext
 from woosh_robot_agent.ros.standard.poses import check_finite
+from woosh_robot_agent.ros.subscribers import publish_readiness
 
 _LOG = logging.getLogger(__name__)
 _FOOTPRINT_RATE = 2.0
@@ -39,7 +41,8 @@ _CHARGE = {
 def battery_state(context: PartContext, battery: Battery) -> BatteryState:
     """Return the state of the battery; values that the chassis does not measure are NaN."""
     nan = math.nan
-    message = BatteryState(
+    return BatteryState(
+        header=context.header("base"),
         voltage=nan,
         temperature=nan,
         current=nan,
@@ -53,9 +56,6 @@ def battery_state(context: PartContext, battery: Battery) -> BatteryState:
         power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN,
         present=True,
     )
-    message.header.stamp = context.now()
-    message.header.frame_id = context.frame("base")
-    return message
 
 
 def plan(context: PartContext, nav_path: NavPath) -> bytes:
@@ -67,7 +67,7 @@ def plan(context: PartContext, nav_path: NavPath) -> bytes:
     Raises:
         ValueError: a pose is not finite.
     """
-    header = Header(stamp=context.now(), frame_id=context.frame("map"))
+    header = context.header("map")
     pose_header = serialize(header)[HEADER_SIZE:]
     path = bytearray(serialize(Path(header=header)))
     # an empty message ends with the number of its poses, which is 0
@@ -91,9 +91,7 @@ def footprint(context: PartContext, model: Model) -> PolygonStamped:
     """
     for point in model.model:
         check_finite("corner", point.x, point.y)
-    message = PolygonStamped()
-    message.header.stamp = context.now()
-    message.header.frame_id = context.frame("base")
+    message = PolygonStamped(header=context.header("base"))
     message.polygon.points = [Point32(x=point.x, y=point.y) for point in model.model]
     return message
 
@@ -129,11 +127,13 @@ class _ValuePart(Part):
         """The last value; None if it is unknown."""
         self._subscribers = context.subscribers()
         self._publisher = context.publisher(name, self._subscribers if rate else None)
-        context.robot.chassis.on_snapshot(self._publish_snapshot, self._convert_snapshot)
+        context.chassis.on_snapshot(self._publish_snapshot, self._convert_snapshot)
         if not is_part_of_info(proto_class):
-            context.robot.chassis.on_state(self._link_changed)
-        context.robot.chassis.subscribe_raw(
-            proto_class, self._publish_converted, self._convert_push
+            context.chassis.on_state(self._link_changed)
+        context.chassis.subscribe_raw(
+            proto_class,
+            self._publish_converted,
+            lambda body: self._convert_or_error(body.message()),
         )
 
     async def run(self) -> None:
@@ -141,7 +141,7 @@ class _ValuePart(Part):
             await self._subscribers.repeat(lambda: self._rate, self._republish)
 
     async def _republish(self, _now: float) -> None:
-        if self._context.robot.chassis.state is LinkState.READY and self._last is not None:
+        if self._context.chassis.state is LinkState.READY and self._last is not None:
             last = self._last
             convert = self._convert_or_error
             is_large = last.ByteSize() >= LARGE
@@ -162,14 +162,14 @@ class _ValuePart(Part):
 
     def _link_changed(self, state: LinkState) -> None:
         if state is LinkState.READY:
-            self._context.robot.thread.spawn(self._request)
+            self._context.thread.spawn(self._request)
 
     async def _request(self) -> None:
         """Request the first value of a type that is not part of RobotInfo."""
-        request = self._context.robot.requests.empty(self._proto_class)
+        request = self._context.requests.empty(self._proto_class)
         try:
             # `first`: ahead of pending requests, regardless of max_in_flight
-            await self._context.robot.chassis.request(request, first=True, tap=self._answered)
+            await self._context.chassis.request(request, first=True, tap=self._answered)
         except LinkError as error:
             _LOG.debug("cannot request the first %s: %s", self._proto_class.DESCRIPTOR.name, error)
 
@@ -178,9 +178,6 @@ class _ValuePart(Part):
         is_usable = answer.ok and not answer.is_outdated
         if is_usable and isinstance(answer.body, self._proto_class):
             self._publish_converted(self._convert_or_error(answer.body))
-
-    def _convert_push(self, body: Body) -> tuple[Message, Any]:
-        return self._convert_or_error(body.message())
 
     def _convert_or_error(self, value: Message) -> tuple[Message, Any]:
         """Return a value, and its serialized ROS message or the ValueError of its conversion.
@@ -197,44 +194,24 @@ class _ValuePart(Part):
     def _publish_converted(self, converted: tuple[Message, Any]) -> None:
         value, message = converted
         if isinstance(message, ValueError):
-            self._context.robot.chassis.count_bad_value(self._proto_class, str(message))
+            self._context.chassis.count_bad_value(self._proto_class, str(message))
             return
         self._last = value
         self._publisher.publish(message)
 
 
-def battery_part(context: PartContext) -> _ValuePart:
-    """Return the part that publishes battery_state."""
-    return _ValuePart(context, "battery_state", Battery, battery_state, rate=_BATTERY_RATE)
-
-
-def plan_part(context: PartContext) -> _ValuePart:
-    """Return the part that publishes plan."""
-    return _ValuePart(context, "plan", NavPath, plan)
-
-
-def footprint_part(context: PartContext) -> _ValuePart:
-    """Return the part that publishes footprint."""
-    return _ValuePart(context, "footprint", Model, footprint, rate=_FOOTPRINT_RATE)
+battery_part = partial(
+    _ValuePart, name="battery_state", proto_class=Battery, convert=battery_state, rate=_BATTERY_RATE
+)
+plan_part = partial(_ValuePart, name="plan", proto_class=NavPath, convert=plan)
+footprint_part = partial(
+    _ValuePart, name="footprint", proto_class=Model, convert=footprint, rate=_FOOTPRINT_RATE
+)
 
 
 class Connected(Part):
-    """Publishes whether the link is ready on the topic connected, at the start and on changes."""
+    """Publishes whether the link is ready on the topic connected."""
 
     def __init__(self, context: PartContext) -> None:
-        self._publisher = context.publisher("connected")
-        self._last: bool | None = None
-        """The last published value; None before the first one."""
-        context.robot.chassis.on_state(self._changed)
-
-    async def run(self) -> None:
-        if self._last is None:  # no state change yet
-            self._publish(False)
-
-    def _changed(self, state: LinkState) -> None:
-        self._publish(state is LinkState.READY)
-
-    def _publish(self, connected: bool) -> None:
-        if connected != self._last:
-            self._last = connected
-            self._publisher.publish(Bool(data=connected))
+        publisher = context.publisher("connected")
+        publish_readiness(context.chassis, publisher, lambda ready: Bool(data=ready))

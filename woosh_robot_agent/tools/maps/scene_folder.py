@@ -28,7 +28,7 @@ from google.protobuf.message import DecodeError
 from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, source_field, structure
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
-from woosh_robot_agent.robot.maps import MapError, keepout_files, map_files
+from woosh_robot_agent.robot.maps import MapError, map_files
 
 
 class MapsError(Exception):
@@ -376,12 +376,12 @@ def write_scene(
     warnings: list[str] = []
     for area in data.maps:
         stem = to_file_name(area.name)
-        for what, make_files, name in (
-            ("map", map_files, stem),
-            ("the keep-out mask of map", keepout_files, f"{stem}_keepout"),
-        ):
+        images = [("map", area.map_png, stem)]
+        if area.keepout_png:
+            images.append(("the keep-out mask of map", area.keepout_png, f"{stem}_keepout"))
+        for what, image, name in images:
             try:
-                made = make_files(area, name)
+                made = map_files(area, image, name)
             except MapError as error:  # the robot's own files are saved nevertheless
                 warnings.append(f"{what} {area.name} is not saved for nav2: {error}")
                 continue

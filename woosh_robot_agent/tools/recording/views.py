@@ -364,7 +364,8 @@ def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
         check_resolution_and_origin(
             area.resolution, area.origin.x, area.origin.y, area.origin.theta
         )
-        files = map_files(area, re.sub(r"[^\w.-]", "_", area.name)) if found.is_saved else {}
+        stem = re.sub(r"[^\w.-]", "_", area.name)
+        files = map_files(area, area.map_png, stem) if found.is_saved else {}
         return PreparedMap(area.name, files, _view(area, time) if found.is_current else None)
     except MapError as error:
         _LOG.warning("map %s is left out: %s", area.name, error)
