@@ -17,9 +17,15 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes import files
 from woosh_robot_agent.simulator.scenes.scene import Scene, with_map_changed
 from woosh_robot_agent.simulator.timeline import ROUNDING, Timeline
-from woosh_robot_agent.simulator.world.collision import CollisionDetector, Obstacles
-from woosh_robot_agent.simulator.world.geometry import Outline, Pose, Wall, footprints, outer_radius
-from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+from woosh_robot_agent.simulator.world.geometry import (
+    Outline,
+    Pose,
+    Wall,
+    footprints,
+    hull,
+    outer_radius,
+)
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind, Obstacles
 from woosh_robot_agent.simulator.world.planner import PATH_MARGIN
 
 _DOCK_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
@@ -76,7 +82,6 @@ class Robot(Timeline):
         self.scenes, self.scene = files.known_scenes(config.scenes)
         self.map, start = files.start_place(self.scene)
         self.obstacles = Obstacles()
-        self._collisions = CollisionDetector()
 
         driving = self.profile.driving
         # The odometer, the charge of the battery and the settings have arbitrary initial values.
@@ -153,7 +158,8 @@ class Robot(Timeline):
 
         It is negative if they overlap.
         """
-        return self._collisions.gap(self.outline, pose, self.ground_truth, self.obstacles)
+        shape = hull(self.outline)
+        return min(self.ground_truth.gap(shape, pose), shape.gap(pose, self.obstacles.walls))
 
     def can_stand(self, pose: Pose) -> bool:
         """Return True if a pose is in the mapped area, and no wall or obstacle is in the way."""
