@@ -192,10 +192,6 @@ class Chassis(Robot):
         self.readiness.key_accepts = accept
         self._check_conditions()
 
-    def hold_remote_keys(self, keys: int, address: int) -> None:
-        """Hold down keys of the radio remote controller at `address`: one bit each, 0 for none."""
-        self.remote_controller = device_pb2.RfRemoteController(address=address, keys=keys)
-
     def lose_localisation(self) -> None:
         """Lose the localisation, until a client sends the pose."""
         self.readiness.located = False

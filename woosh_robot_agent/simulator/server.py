@@ -93,7 +93,7 @@ class SimulatedChassis(Server):
         self._injector.clear()  # otherwise, paused connections could not close
         await self.settle()
         await self._close_connections()
-        await self._ports.close(reserve=False)
+        await self._close(reserve=False)
 
     def on_step(self) -> None:
         self._injector.advance(TIME_STEP)

@@ -9,7 +9,6 @@ POST /woosh/robot/PoseSpeed        the full name of the request's type, with sla
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from http import HTTPStatus
 from typing import Any
 
@@ -123,21 +122,21 @@ class HttpCalls:
     """Answers HTTP requests, by the same handlers as requests over a WebSocket.
 
     Args:
-        wait_readable: waits while the connections are paused.
-        writable: set while frames are sent, i.e. neither paused nor frozen.
+        reading: set while frames are read, i.e. unless the connections are paused.
+        writing: set while frames are sent, i.e. neither paused nor frozen.
     """
 
     def __init__(
         self,
         handler: MessageHandler,
         config: SimulatorConfig,
-        wait_readable: Callable[[], Awaitable[object]],
-        writable: asyncio.Event,
+        reading: asyncio.Event,
+        writing: asyncio.Event,
     ) -> None:
         self._handler = handler
         self._config = config
-        self._wait_readable = wait_readable
-        self._writable = writable
+        self._reading = reading
+        self._writing = writing
         self._arriving = 0
         """Number of requests whose bodies are still arriving."""
 
@@ -145,7 +144,7 @@ class HttpCalls:
         self, request: web.BaseRequest, connection: HttpConnection
     ) -> web.StreamResponse:
         """Answer an HTTP request: execute a POST, and describe the server in answer to a GET."""
-        await self._wait_readable()
+        await self._reading.wait()
         if request.method in ("GET", "HEAD"):
             about = _ABOUT.format(robot=self._config.robot_id, host=request.host)
             return web.Response(text=about)
@@ -169,7 +168,7 @@ class HttpCalls:
         if data is None:
             text = f"the body has more than {self._config.max_frame} bytes"
             return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
-        await self._wait_readable()
+        await self._reading.wait()
         name = clip_type_name(request.path.strip("/").replace("/", "."))
         return await self._execute(connection, name, data)
 
@@ -200,7 +199,7 @@ class HttpCalls:
         transport = HttpTransport(connection, status)
         client = Client(transport, self._config.max_outbox)
         handler.join(client)
-        writing = asyncio.ensure_future(client.write(self._writable))
+        writing = asyncio.ensure_future(client.write(self._writing))
         ends: set[asyncio.Future[Any]] = {transport.response, connection.lost}
         try:
             handler.submit(Request(client, _CODEC, name, 0, message, reason))
