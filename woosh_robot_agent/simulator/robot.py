@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
+from typing import Any
 
 from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
@@ -37,9 +39,6 @@ _CHARGER_DISTANCE = 0.3
 
 class Robot(Timeline):
     """The robot and its surroundings. Behaviours act on this object.
-
-    Raises:
-        DataFileError: the file of the profile or of a scene cannot be used.
 
     Attributes:
         profile: behaviour of this robot model.
@@ -166,12 +165,7 @@ class Robot(Timeline):
         return self.map.contains(*pose.point) and self.gap(pose) >= 0.0
 
     def require_room(self, pose: Pose) -> None:
-        """Check that the robot can stand at a pose of the map.
-
-        Raises:
-            RefusedError: the pose is outside the mapped area, or the robot would overlap a wall or
-                an obstacle.
-        """
+        """Raise RefusedError unless the robot can stand at a pose of the map."""
         if not self.map.contains(*pose.point):
             raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
         if self.gap(pose) < 0.0:
@@ -211,8 +205,9 @@ class Robot(Timeline):
         if old and old.name != new.name:
             del self.scenes[old.name]
 
-    def change_map(self, area: Map) -> None:
-        """Replace the current map by a changed map of the same name."""
+    def change_map(self, **changes: Any) -> None:
+        """Replace the current map by its next version, in which some attributes have changed."""
+        area = replace(self.map, version=self.map.version + 1, **changes)
         self.replace_scene(self.scene, with_map_changed(self.scene, self.map, area))
 
     def nearest_mark(self, kind: MarkKind) -> Mark | None:

@@ -1,4 +1,7 @@
-"""Mapping, i.e. making maps, and deployment, i.e. collecting marks, while a client drives."""
+"""Mapping, i.e. making maps, and deployment, i.e. collecting marks, while a client drives.
+
+Methods that execute a request raise `RefusedError` if the robot cannot do that now, or never.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import math
 from collections.abc import Collection
 from enum import Enum
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
@@ -122,20 +125,13 @@ class MapBuilder:
         """Begin to make a new map; return the time until the answer to the request, in seconds.
 
         The scene may be a new one.
-
-        Raises:
-            RefusedError: the robot cannot start now, or cannot make this map.
         """
         self._require_startable(scene_name, map_name)
         self._require_new(scene_name, map_name)
         return self._start(scene_name, map_name, update=False)
 
     def update(self, scene_name: str, map_name: str) -> float:
-        """Begin to continue the current map; return the time until the answer, in seconds.
-
-        Raises:
-            RefusedError: the robot cannot start now, or the names are not those of the current map.
-        """
+        """Begin to continue the current map; return the time until the answer, in seconds."""
         self._require_startable(scene_name, map_name)
         scenes, scene = self._robot.scenes, self._robot.scenes.get(scene_name)
         if scene is None:
@@ -173,11 +169,7 @@ class MapBuilder:
         return duration
 
     def cancel(self) -> float:
-        """Begin to discard the map; return the time until the answer to the request, in seconds.
-
-        Raises:
-            RefusedError: no mapping is running.
-        """
+        """Begin to discard the map; return the time until the answer to the request, in seconds."""
         self._require_running()
         robot = self._robot
         duration = self._profile.cancel.sample(robot.rng)
@@ -372,9 +364,6 @@ class Deployment:
 
         Args:
             pose: pose of the point; None for the pose of the robot.
-
-        Raises:
-            RefusedError: the pose is outside the map.
         """
         area, others = self._area, copy_of(self._area.other_marks)
         if pose is None:
@@ -397,7 +386,7 @@ class Deployment:
             if kind is not PointKind.BEACON:
                 position.theta = pose.theta
         point = CollectedPoint(kind, id_, pose)
-        self._replace_area(dataclasses.replace(area, marks=marks, other_marks=others))
+        self._change_area(marks=marks, other_marks=others)
         self._collected.append(point)
         return point
 
@@ -421,14 +410,10 @@ class Deployment:
             left = [each for each in entries if (kind, each.id) not in cancelled]
             del entries[:]
             entries.extend(left)
-        self._replace_area(dataclasses.replace(area, marks=kept, other_marks=others))
+        self._change_area(marks=kept, other_marks=others)
 
     def calibrate(self) -> list[CollectedPoint]:
-        """Return the reflectors of the map, as if the robot had found each at its known pose.
-
-        Raises:
-            RefusedError: the map has no reflectors.
-        """
+        """Return the reflectors of the map, as if the robot had found each at its known pose."""
         reflectors = [
             CollectedPoint(
                 PointKind.REFLECTOR, each.id, Pose(each.pose.x, each.pose.y, each.pose.theta)
@@ -457,9 +442,9 @@ class Deployment:
         """The map to which points are added: a new map that is being made, or the current map."""
         return self._mapping.draft or self._robot.map
 
-    def _replace_area(self, area: Map) -> None:
-        """Store the changed `_area`; a change of the current map is a new version of it."""
+    def _change_area(self, **changes: Any) -> None:
+        """Change attributes of `_area`; a change of the current map is a new version of it."""
         if self._mapping.draft:
-            self._mapping.draft = area
+            self._mapping.draft = dataclasses.replace(self._mapping.draft, **changes)
         else:
-            self._robot.change_map(dataclasses.replace(area, version=area.version + 1))
+            self._robot.change_map(**changes)
