@@ -18,11 +18,11 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.frames import Envelope, FrameError, clip_type_name
 from woosh_robot_agent.link.protos import message_type
-from woosh_robot_agent.link.server import HttpConnection
+from woosh_robot_agent.link.server import HttpConnection, HttpServerTransport
 from woosh_robot_agent.link.tasks import abort_transport, run_with_timeout
-from woosh_robot_agent.link.transport import TransportClosedError, peer_address
+from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
+from woosh_robot_agent.simulator.protocol.handlers import HANDLERS
 from woosh_robot_agent.simulator.serving.exchange import Client, MessageHandler, Request
 
 _BODY_TIMEOUT = 60.0
@@ -56,28 +56,23 @@ class _HttpCodec(JsonCodec):
 _CODEC = _HttpCodec(defaults=True)  # writes fields with default values too, as the chassis does
 
 
-class HttpTransport:
+class HttpTransport(HttpServerTransport):
     """A `ServerTransport` for one HTTP call. Its only frame is the body of the response.
 
     Args:
         status: status of the response.
 
     Attributes:
-        peer: address of the client.
         response: done when the response is known. If `send_raw` has already written it, an empty
             one, which goes nowhere.
     """
 
     def __init__(self, connection: HttpConnection, status: HTTPStatus) -> None:
-        self.peer = peer_address(connection.transport)
+        super().__init__(connection)
         self.response: asyncio.Future[web.Response] = asyncio.get_running_loop().create_future()
-        self._connection = connection
         self._status = status
         self._left = 0
         """Number of bytes of a raw response that have not been written; set by `header`."""
-
-    def backlog(self) -> int:
-        return self._connection.transport.get_write_buffer_size()
 
     async def send(self, data: str | bytes) -> None:
         body = data.encode() if isinstance(data, str) else data
@@ -92,7 +87,7 @@ class HttpTransport:
         return head
 
     async def send_raw(self, data: bytes) -> None:
-        await self._connection.write(data)
+        await super().send_raw(data)
         self._left -= len(data)
         if self._left <= 0:
             self._connection.transport.close()
@@ -103,15 +98,6 @@ class HttpTransport:
 
     async def close(self, timeout: float = 1.0) -> None:
         self.abort()
-
-    def abort(self) -> None:
-        abort_transport(self._connection.transport)
-
-    def pause(self) -> None:
-        self._connection.transport.pause_reading()
-
-    def resume(self) -> None:
-        self._connection.transport.resume_reading()
 
     def _respond(self, response: web.Response) -> None:
         if not self.response.done():  # a fault may send an answer twice
