@@ -14,6 +14,7 @@ from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
@@ -324,13 +325,13 @@ class MapBuilder:
         self._grid = None
 
 
-class PointKind(Enum):
-    """Kind of a collected point. The value is the name of its list in `woosh.map.mark.MarkInfo`."""
-
-    BEACON = "beacons"
-    CODE = "artags"
-    REFLECTOR = "reflectors"
-    MARK = "storages"
+POINT_LISTS: dict[pack.DeploymentType, str] = {
+    pack.kBeacons: "beacons",
+    pack.kArTags: "artags",
+    pack.kReflectors: "reflectors",
+    pack.kMark: "storages",
+}
+"""Kinds of points that can be collected, and the names of their lists in `MarkInfo`."""
 
 
 class CollectedPoint(NamedTuple):
@@ -341,7 +342,7 @@ class CollectedPoint(NamedTuple):
         pose: pose, in the map's frame.
     """
 
-    kind: PointKind
+    kind: pack.DeploymentType
     id: int
     pose: Pose
 
@@ -359,7 +360,7 @@ class Deployment:
         self._collected: list[CollectedPoint] = []
         """Points of this session that were not cancelled, in order."""
 
-    def collect(self, kind: PointKind, pose: Pose | None) -> CollectedPoint:
+    def collect(self, kind: pack.DeploymentType, pose: Pose | None) -> CollectedPoint:
         """Add a point to the map and return it.
 
         Args:
@@ -371,26 +372,26 @@ class Deployment:
         elif area is not self._mapping.draft and not area.contains(*pose.point):
             raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=area.name)
         marks = area.marks
-        if kind is PointKind.MARK:
+        if kind == pack.kMark:
             # The answer has only the id, so the mark's number, which tasks name, equals the id.
             taken = {mark.id for mark in marks.values()}
             ids = itertools.count(free_id(taken))
             id_ = next(each for each in ids if each not in taken and str(each) not in marks)
             marks = {**marks, str(id_): Mark(id_, str(id_), pose)}
         else:
-            entries = getattr(others, kind.value)
+            entries = getattr(others, POINT_LISTS[kind])
             id_ = free_id(each.id for each in entries)
             entry = entries.add(id=id_)
-            position = entry.point if kind is PointKind.BEACON else entry.pose
+            position = entry.point if kind == pack.kBeacons else entry.pose
             position.x, position.y = pose.point
-            if kind is not PointKind.BEACON:
+            if kind != pack.kBeacons:
                 position.theta = pose.theta
         point = CollectedPoint(kind, id_, pose)
         self._change_area(marks=marks, other_marks=others)
         self._collected.append(point)
         return point
 
-    def cancel(self, kinds: Collection[PointKind] = tuple(PointKind)) -> None:
+    def cancel(self, kinds: Collection[pack.DeploymentType] = tuple(POINT_LISTS)) -> None:
         """Remove the points of some kinds that were collected in this session.
 
         Marks that a client has renamed since then stay.
@@ -403,10 +404,10 @@ class Deployment:
         kept = {
             number: mark
             for number, mark in area.marks.items()
-            if (PointKind.MARK, mark.id) not in cancelled or number != str(mark.id)
+            if (pack.kMark, mark.id) not in cancelled or number != str(mark.id)
         }
-        for kind in (PointKind.BEACON, PointKind.CODE, PointKind.REFLECTOR):
-            entries = getattr(others, kind.value)
+        for kind in (pack.kBeacons, pack.kArTags, pack.kReflectors):
+            entries = getattr(others, POINT_LISTS[kind])
             left = [each for each in entries if (kind, each.id) not in cancelled]
             del entries[:]
             entries.extend(left)
@@ -416,7 +417,7 @@ class Deployment:
         """Return the reflectors of the map, as if the robot had found each at its known pose."""
         reflectors = [
             CollectedPoint(
-                PointKind.REFLECTOR, each.id, Pose(each.pose.x, each.pose.y, each.pose.theta)
+                pack.kReflectors, each.id, Pose(each.pose.x, each.pose.y, each.pose.theta)
             )
             for each in self._area.other_marks.reflectors
         ]

@@ -12,7 +12,7 @@ from woosh_robot_agent.pb.map import map_pack_pb2, mark_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointKind, require_name
+from woosh_robot_agent.simulator.behaviour.mapping import POINT_LISTS, CollectedPoint, require_name
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
@@ -240,15 +240,6 @@ def _file_md5s(files: Mapping[str, bytes]) -> list[common_pb2.FileMD5]:
     ]
 
 
-_KINDS: dict[int, PointKind] = {
-    pack.kBeacons: PointKind.BEACON,
-    pack.kArTags: PointKind.CODE,
-    pack.kReflectors: PointKind.REFLECTOR,
-    pack.kMark: PointKind.MARK,
-}
-"""Kinds of points by `woosh.robot.DeploymentType`."""
-
-
 @command(pack.BuildMap)
 def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
     """Start to make or to update a map, save it, or cancel it."""
@@ -284,9 +275,9 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Message:
         given = pose(request.pose)
         # Some clients send an empty pose if they mean the pose of the robot.
         where = given if request.HasField("pose") and given != Pose() else None
-        points = [chassis.deployment.collect(_KINDS[kind], where)]
+        points = [chassis.deployment.collect(kind, where)]
     elif mode == pack.kDepCancel:
-        chassis.deployment.cancel([_KINDS[kind]] if kind else list(PointKind))
+        chassis.deployment.cancel([kind] if kind else list(POINT_LISTS))
     else:
         points = chassis.deployment.calibrate()
     markers = [
@@ -305,7 +296,7 @@ def _check_deployment(chassis: Chassis, request: pack.Deployment) -> None:
             f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
         )
     # Only collecting needs a type; without a type, a cancel concerns all kinds of points.
-    if kind not in _KINDS and (kind or mode == pack.kDepCollect):
+    if kind not in POINT_LISTS and (kind or mode == pack.kDepCollect):
         raise RefusedError(
             f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
         )
