@@ -10,8 +10,7 @@ from collections.abc import Iterable, Iterator
 
 from scripts.markdown_table import table
 from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER
-from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
-from woosh_robot_agent.simulator.protocol.handlers import COMMANDS, QUERIES
+from woosh_robot_agent.simulator.protocol.handlers import COMMANDS, HANDLERS, QUERIES
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
 from woosh_robot_agent.simulator.refusals import REFUSALS, REQUEST_FAILED
 from woosh_robot_agent.simulator.scenes import scene_yaml

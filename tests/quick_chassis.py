@@ -9,7 +9,7 @@ from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
+from woosh_robot_agent.simulator.protocol.handlers import Answer, dispatch
 
 
 def quick_config(**options: Any) -> SimulatorConfig:

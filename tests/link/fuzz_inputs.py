@@ -18,7 +18,7 @@ from woosh_robot_agent.link.codecs.protobuf_codec import ProtobufCodec
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
+from woosh_robot_agent.simulator.protocol.handlers import HANDLERS
 
 DOCUMENTED = (
     *FRAMES,

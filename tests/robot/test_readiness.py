@@ -32,7 +32,7 @@ from woosh_robot_agent.robot.readiness import (
 )
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.handlers import dispatch
 from woosh_robot_agent.simulator.protocol.reports import robot_info
 
 

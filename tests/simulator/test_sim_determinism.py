@@ -13,7 +13,7 @@ from tests.simulator.recorded_chassis import SCANNER_DATA, SteppedChassis
 from tests.simulator.sim_wire import Json, connected
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.handlers import dispatch
 from woosh_robot_agent.simulator.protocol.reports import TOPICS
 
 Command = Callable[[Chassis], None]

@@ -97,7 +97,7 @@ def test_program_runs_scenario_and_fault_options(scenario: Path) -> None:
         assert process.stderr
         log = []
         for line in process.stderr:
-            log += [line.strip().partition("injector: ")[2]] if "injector" in line else []
+            log += [line.strip().partition("faults.fault: ")[2]] if "faults.fault" in line else []
             if "fault: drop" in line:
                 break
         with closing(JsonClient(port)) as client:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 from typing import Any
 
 import pytest
@@ -12,7 +11,7 @@ from google.protobuf.json_format import ParseDict
 from tests.simulator.sim_wire import Json, JsonClient
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Create
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.handlers import dispatch
 from woosh_robot_agent.simulator.world.maps import Mark
 
 PREFIX, SCENE = "woosh.map.mark.storage", "woosh.robot.Scene"
@@ -158,7 +157,7 @@ def test_bad_requests_are_refused_and_change_nothing(client: JsonClient) -> None
 
 def test_number_of_marks_is_limited(chassis: Chassis) -> None:
     marks = {f"m{n}": Mark(n, f"m{n}", chassis.base.pose) for n in range(1, 5000)}
-    chassis.change_map(dataclasses.replace(chassis.map, marks=marks))
+    chassis.change_map(marks=marks)
     one, two = (ParseDict(storage(number), Create()) for number in ("one", "two"))
     assert dispatch(chassis, one).ok
     assert dispatch(chassis, two).msg == "map wooshmap has 5000 marks already: delete one first"

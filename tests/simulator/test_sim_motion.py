@@ -13,9 +13,9 @@ from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator.body.base import ACCELERATION, STANDSTILL, Base, Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.profile import load_profile
-from woosh_robot_agent.simulator.world.collision import Obstacles
 from woosh_robot_agent.simulator.world.geometry import Pose, Wall, hull, wrap
 from woosh_robot_agent.simulator.world.laser import Laser
+from woosh_robot_agent.simulator.world.maps import Obstacles
 
 STEPS_PER_S = round(1 / TIME_STEP)
 ORIGINAL = load_profile("instant").model.outline
@@ -186,8 +186,8 @@ def test_expanded_outline_stops_further_from_a_wall(chassis: Chassis) -> None:
     assert 12.0 - 0.55 - 0.06 < chassis.base.pose.x <= 12.0 - 0.55
 
 
-def test_cached_clearance_never_hides_a_wall(chassis: Chassis) -> None:
-    """The cached clearance is invalidated by motion, obstacles and a change of map."""
+def test_no_wall_is_left_out_of_the_gap(chassis: Chassis) -> None:
+    """Every wall of the present map and of the present obstacles counts."""
     rng = random.Random(3)
     shape = hull(ORIGINAL)
     pose = Pose(9.0, 3.2, 0.0)
@@ -200,7 +200,8 @@ def test_cached_clearance_never_hides_a_wall(chassis: Chassis) -> None:
             scene = chassis.scenes["scenex" if chassis.scene.name == "wooshmap" else "wooshmap"]
             chassis.scene, chassis.map = scene, scene.maps[0]
         gap = chassis.gap(pose)
-        exact = shape.gap(pose, chassis.walls)
+        near = [wall for wall in chassis.walls if wall.distance(*pose.point) <= shape.radius]
+        exact = min((shape._wall_gap(pose, wall) for wall in near), default=math.inf)
         assert gap == exact
         move = rng.uniform(-0.2, 0.2), rng.uniform(-0.1, 0.1), rng.uniform(-0.5, 0.5)
         pose = pose.moved(*move)
@@ -213,7 +214,7 @@ def test_invalid_obstacles_are_refused() -> None:
         with pytest.raises(ValueError, match="obstacle a"):
             obstacles.put("a", x, 0.0, radius)
     assert obstacles.names == ()
-    assert obstacles.clearance(0.0, 0.0) == math.inf
+    assert obstacles.walls == ()
     with pytest.raises(KeyError):
         obstacles.remove("a")
 

@@ -14,7 +14,7 @@ from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.command_line import make_parser
 from woosh_robot_agent.simulator.profile import SHIPPED, SHIPPED_FOLDER, load_profile
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.handlers import dispatch
 from woosh_robot_agent.simulator.protocol.reports import robot_info
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.testing import running_chassis

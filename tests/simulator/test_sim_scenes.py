@@ -17,7 +17,7 @@ from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.simulator.__main__ import main
 from woosh_robot_agent.simulator.chassis import Chassis
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.handlers import dispatch
 from woosh_robot_agent.simulator.scenes import robot_files
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.simulator.world.geometry import Pose

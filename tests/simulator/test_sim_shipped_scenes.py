@@ -18,8 +18,8 @@ from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.scene_check import check_scene
 from woosh_robot_agent.simulator.scenes import files as scenes
 from woosh_robot_agent.simulator.scenes.files import load_scene
-from woosh_robot_agent.simulator.world.collision import Obstacles
 from woosh_robot_agent.simulator.world.geometry import Pose
+from woosh_robot_agent.simulator.world.maps import Obstacles
 from woosh_robot_agent.simulator.world.picture import draw
 from woosh_robot_agent.simulator.world.planner import Planner
 
@@ -81,7 +81,7 @@ def test_paths_go_round_obstacles(name: str) -> None:
     for a, b in pairwise([start, *path]):
         for share in range(101):
             x, y = (a[i] + (b[i] - a[i]) * share / 100 for i in (0, 1))
-            assert obstacles.clearance(x, y) >= 0.48
+            assert min(wall.distance(x, y) for wall in obstacles.walls) >= 0.48
     # Obstacles are not remembered between searches.
     assert planner.plan(start, goal) == [goal]
 

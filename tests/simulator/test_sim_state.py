@@ -10,7 +10,7 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.handlers import dispatch
 
 PROC, MODE = "woosh.robot.TaskProc", "woosh.robot.Mode"
 OPERATION, STATE = "woosh.robot.OperationState", "woosh.robot.RobotState"

@@ -11,7 +11,7 @@ from woosh_robot_agent.pb.robot import robot_count_pb2 as count_pb2
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, CountDataResponse
 from woosh_robot_agent.pb.util.common_pb2 import TimeBucket
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
-from woosh_robot_agent.simulator.protocol.dispatch import dispatch
+from woosh_robot_agent.simulator.protocol.handlers import dispatch
 
 COUNT = "woosh.robot.CountData"
 OPERATION, TASK, STATUS = (f"woosh.robot.count.{name}" for name in ("Operation", "Task", "Status"))

@@ -19,7 +19,7 @@ from woosh_robot_agent.pb.task.woosh_task_pb2 import TaskInfo
 from woosh_robot_agent.simulator import SimulatorConfig
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.profile import load_profile
-from woosh_robot_agent.simulator.protocol.dispatch import Answer, dispatch
+from woosh_robot_agent.simulator.protocol.handlers import Answer, dispatch
 
 REPEAT, PRE_TASK = "woosh.task.RepeatTask", "woosh.robot.ExecPreTask"
 EXEC_TASK, ORDER = "woosh.robot.ExecTask", "woosh.robot.ActionOrder"

@@ -19,7 +19,7 @@ from woosh_robot_agent.link.config import (
 from woosh_robot_agent.link.connection import NAMED_NOT_SENT, Connection, Sending, Traffic
 from woosh_robot_agent.link.frames import Answer, Body
 from woosh_robot_agent.link.protos import full_name, message_types
-from woosh_robot_agent.link.reconnect import LinkState, LinkStatus, ReconnectLoop
+from woosh_robot_agent.link.reconnect import LinkState, ReconnectLoop
 from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.subscriptions import Consumer, Subscriptions
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
@@ -36,7 +36,7 @@ def _unchanged(value: T) -> T:
 class ChassisClient:
     """A link to one chassis that reconnects by itself.
 
-    Use it in one asyncio event loop; `woosh_robot_agent.link` has an example.
+    Use it in one asyncio event loop; docs/link_protocol.md has an example.
 
     After a reconnect, subscriptions are renewed, and no request is sent again. The client belongs
     to the first robot that answers. If a robot with another id or serial number answers later, it
@@ -59,9 +59,8 @@ class ChassisClient:
         config = base if ip is None else replace(base, ip=ip)
         self._record = LinkRecord(_LOG)
         self.stats = self._record.stats
-        self._status = LinkStatus(config.address)
         self._subscriptions = Subscriptions(config.push_queue, self._record)
-        self._reconnect = ReconnectLoop(config, self._status, self._subscriptions, self._record)
+        self._reconnect = ReconnectLoop(config, self._subscriptions, self._record)
         self._delivery: asyncio.Task[None] | None = None
         self._accepted_callbacks: dict[str, list[Callable[[], None]]] = {}
         """Callbacks of `on_accepted`, by protobuf full name of the request."""
@@ -82,7 +81,7 @@ class ChassisClient:
     @property
     def state(self) -> LinkState:
         """State of the link."""
-        return self._status.state
+        return self._reconnect.state
 
     @property
     def since(self) -> float:
@@ -90,7 +89,7 @@ class ChassisClient:
 
         Before that, the time at which the client was created.
         """
-        return self._status.since
+        return self._reconnect.since
 
     @property
     def last_error(self) -> LinkError | None:
@@ -98,7 +97,7 @@ class ChassisClient:
 
         None if the link is ready, or if no attempt has ended since the start.
         """
-        return self._status.last_error
+        return self._reconnect.last_error
 
     def debug(self) -> dict[str, int]:
         """Return the sizes of everything that may grow while the client runs.
@@ -167,7 +166,7 @@ class ChassisClient:
             NotConnectedError: the link was closed, or not ready within `timeout` seconds; the text
                 gives the reason.
         """
-        await self._status.wait_ready(timeout)
+        await self._reconnect.wait_ready(timeout)
 
     async def reconfigure(self, config: LinkConfig) -> None:
         """Apply a new configuration; reconnect if a changed value requires it.
@@ -214,12 +213,7 @@ class ChassisClient:
         return await self.send(message, Sending(timeout, first=first, tap=tap))
 
     async def send(self, message: Message, how: Sending) -> Answer:
-        """Send a request as `request` does, with all options.
-
-        Raises:
-            LinkError: the request was not sent, or no answer arrived; `request` lists the classes.
-            RuntimeError: another object has reserved the request with `reserve`.
-        """
+        """Send a request as `request` does, with all options; raise the same errors."""
         if self._reserved is not None and self._reserved(message):
             raise RuntimeError(
                 f"{full_name(message)} is reserved; send it through the object that reserved it"
@@ -368,11 +362,15 @@ class ChassisClient:
             reason: the defect, e.g. `x is not finite: inf`; what precedes its first colon is the
                 kind.
         """
-        self._subscriptions.count_bad_value(full_name(cls), reason)
+        name, kind = full_name(cls), reason.partition(":")[0]
+        self.stats.bad_frames["value"] += 1
+        self._record.log.warn(
+            f"bad value: {kind}: {name}", f"skipped a bad value in {name}: {reason}"
+        )
 
     def on_state(self, callback: Callable[[LinkState], None]) -> None:
         """Call `callback` in the event loop with each new state of the link."""
-        self._status.on_change(callback)
+        self._reconnect.on_change(callback)
 
     def on_snapshot(
         self, callback: Callable[[Any], None], prepare: Callable[[RobotInfo], Any] = _unchanged
@@ -384,8 +382,7 @@ class ChassisClient:
 
         Args:
             callback: called with what `prepare` returns; must not block.
-            prepare: converts the RobotInfo for the callback; by default it stays as it is. A large
-                one is converted in another thread, as in `subscribe_raw`.
+            prepare: converts the RobotInfo for the callback, as in `subscribe_raw`.
         """
         self._subscriptions.on_snapshot(Consumer(callback, prepare))
 
@@ -398,15 +395,15 @@ class ChassisClient:
         if not how.always:
             self.check_permitted(message)
         connection = self._reconnect.connection
-        if connection is None or self._status.state is not LinkState.READY:
-            raise self._status.not_connected()
+        if connection is None or self._reconnect.state is not LinkState.READY:
+            raise self._reconnect.not_connected()
         timeout = self.timeout_of(full_name(message)) if how.timeout is None else how.timeout
         tap = self._queueing_tap(message, how.tap)
         try:
             return await connection.request(message, how._replace(timeout=timeout, tap=tap))
         except NotConnectedError as error:  # the connection has just ended
-            self._status.note_lost(error.__cause__)
-            raise self._status.not_connected() from None
+            self._reconnect.note_lost(error.__cause__)
+            raise self._reconnect.not_connected() from None
 
     def _queueing_tap(
         self, message: Message, tap: Callable[[Answer], None] | None

@@ -104,15 +104,10 @@ class Codec(Protocol):
         msg: str = "",
         timestamp: int | None = None,
     ) -> str | bytes:
-        """Return a frame as it goes on the wire.
+        """Return a frame as it goes on the wire; the arguments are as in `Envelope`.
 
         Args:
-            type_name: protobuf full name of the body's message.
-            body: None for an empty body.
-            sn: serial number of a request or an answer; 0 for a push.
-            ok: True or False for an answer; None for a request or a push.
-            msg: text of an answer.
-            timestamp: Unix time in ms; None to leave it out.
+            body: the message; None for an empty body.
         """
 
     def decode(self, data: str | bytes) -> Envelope:

@@ -26,7 +26,7 @@ from woosh_robot_agent.link.config import (
 from woosh_robot_agent.link.connection import Connection, Sending
 from woosh_robot_agent.link.frames import Answer
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.reports import LinkRecord, LogOnce, one_line, system_text
+from woosh_robot_agent.link.reports import LinkRecord, one_line, system_text
 from woosh_robot_agent.link.subscriptions import Subscriptions, call_logged
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
@@ -90,76 +90,6 @@ class LinkState(Enum):
     """The last attempt failed, or the link was lost; the next attempt follows after a pause."""
 
 
-class LinkStatus:
-    """The current state of the link, with its callbacks and waiters.
-
-    Attributes:
-        since: Unix time at which the link last became ready or was lost, in seconds; before that,
-            the time of creation.
-        last_error: error that ended the last attempt or the last link; None if the link is ready,
-            or if no attempt has ended since the start.
-        address: address of the chassis, for error texts.
-    """
-
-    def __init__(self, address: str) -> None:
-        self.state = LinkState.STOPPED
-        self.since = time.time()
-        self.last_error: LinkError | None = None
-        self.address = address
-        self._callbacks: list[Callable[[LinkState], None]] = []
-        self._ready_waiters: set[asyncio.Future[None]] = set()
-
-    def on_change(self, callback: Callable[[LinkState], None]) -> None:
-        """Call `callback` with each new state, in the event loop."""
-        self._callbacks.append(callback)
-
-    def enter(self, state: LinkState) -> None:
-        """Change the state, and notify callbacks and waiters."""
-        if (state is LinkState.READY) != (self.state is LinkState.READY):
-            self.since = time.time()
-        self.state = state
-        for waiter in self._ready_waiters:
-            if state is LinkState.READY and not waiter.done():
-                waiter.set_result(None)
-            elif state is LinkState.STOPPED and not waiter.done():
-                waiter.set_exception(self.not_connected())
-        for callback in tuple(self._callbacks):
-            call_logged(callback, state)
-
-    def note_lost(self, cause: BaseException | None) -> None:
-        """Enter WAITING if the link is ready.
-
-        The last error becomes `cause`, or None if that is not a LinkError.
-        """
-        if self.state is LinkState.READY:
-            self.last_error = cause if isinstance(cause, LinkError) else None
-            self.enter(LinkState.WAITING)
-
-    async def wait_ready(self, timeout: float) -> None:
-        """Wait until the link is ready.
-
-        Raises:
-            NotConnectedError: the link was closed, or not ready within `timeout` seconds.
-        """
-        if self.state is LinkState.READY:
-            return
-        waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._ready_waiters.add(waiter)
-        try:
-            await run_with_timeout(timeout, waiter)
-        except TimeoutError:
-            raise self.not_connected() from None
-        finally:
-            self._ready_waiters.discard(waiter)
-
-    def not_connected(self) -> NotConnectedError:
-        """Return the error for a request while there is no link."""
-        since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.since))
-        error = self.last_error
-        why = _LAST_ERROR(error=said_by(error)) if error else _NO_ATTEMPT()
-        return NotConnectedError(_NOT_CONNECTED(address=self.address, since=since, why=why))
-
-
 @dataclass(frozen=True)
 class RobotIdentity:
     """The identity of a robot.
@@ -216,65 +146,6 @@ async def open_link(config: LinkConfig) -> Transport:
         raise HandshakeError(said_by(error)) from None
 
 
-async def handshake(
-    connection: Connection,
-    subscriptions: Subscriptions,
-    config: LinkConfig,
-    log: LogOnce,
-    expected: RobotIdentity | None,
-) -> RobotIdentity | None:
-    """Renew the subscriptions, request RobotInfo, and check that the expected robot answers.
-
-    Args:
-        subscriptions: the subscriptions to renew; gets the RobotInfo.
-        config: timeout, and id of the robot.
-        log: gets a warning about a RobotInfo that cannot be read.
-        expected: the robot of the earlier links; None for the first link.
-
-    Returns:
-        The identity of the robot, as far as it is known by now; None if nothing is known.
-
-    Raises:
-        LinkError: the connection ended, or no answer arrived in time.
-        HandshakeError: the answer is not a RobotInfo.
-        OtherRobotError: another robot than the expected one answered.
-    """
-
-    def put_snapshot(answer: Answer) -> None:
-        """Deliver the pushes that were held back, and the RobotInfo, if it is the right robot."""
-        if not _is_other(_sender(answer), expected):
-            subscriptions.put_snapshot(answer)
-
-    subscriptions.hold()
-    try:
-        connection.subscribe(subscriptions.wanted, on=True)
-        answer = await _request_info(connection, put_snapshot, config)
-        _check_info(answer, log)
-        robot = _sender(answer)
-        if _is_other(robot, expected):
-            raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
-        subscriptions.release()  # `put_snapshot` has done so, unless the RobotInfo is unreadable
-        await _wait_delivered(connection, subscriptions)
-        return expected if robot is None else robot.completed_by(expected)
-    finally:
-        subscriptions.discard_held()
-
-
-async def _wait_delivered(connection: Connection, subscriptions: Subscriptions) -> None:
-    """Wait until RobotInfo is delivered, because who commands the robot must know its state.
-
-    Raises:
-        LinkError: the connection has ended.
-    """
-    delivered = asyncio.ensure_future(subscriptions.wait_delivered())
-    try:
-        await asyncio.wait((delivered, connection.ended), return_when=asyncio.FIRST_COMPLETED)
-        if connection.ended.done():
-            raise connection.ended.result()
-    finally:
-        delivered.cancel()
-
-
 def _sender(answer: Answer) -> RobotIdentity | None:
     """Return the identity in a RobotInfo; None if it cannot be read."""
     info = answer.body
@@ -286,47 +157,6 @@ def _is_other(robot: RobotIdentity | None, expected: RobotIdentity | None) -> bo
     return robot is not None and expected is not None and robot.differs_from(expected)
 
 
-def _check_info(answer: Answer, log: LogOnce) -> None:
-    """Raise a HandshakeError if an answer is not a RobotInfo; warn if it cannot be read."""
-    if not answer.ok:
-        raise HandshakeError(_NO_INFO(reason=one_line(answer.msg) or REFUSED()))
-    if answer.type != full_name(RobotInfo):
-        raise HandshakeError(_NO_INFO(reason=one_line(answer.defect) or _OTHER_TYPE))
-    if answer.defect:  # perhaps from newer firmware; everything else may work
-        log.warn("no snapshot", f"the first values are missing because {answer.defect}")
-
-
-async def _request_info(
-    connection: Connection, tap: Callable[[Answer], None], config: LinkConfig
-) -> Answer:
-    """Request RobotInfo, and again while no answer comes, since a single frame may be lost.
-
-    Raises:
-        LinkError: no answer came within `handshake_timeout`, or the connection has ended.
-    """
-    remaining = config.handshake_timeout
-    message = RobotInfo(robot_id=config.robot_id or None)
-    requests: set[asyncio.Task[Answer]] = set()
-    try:
-        while True:
-            request = connection.request(message, Sending(remaining, tap=tap))
-            requests.add(asyncio.ensure_future(request))
-            # yet another request would have at most `_RETRY_AFTER` left for its answer
-            is_last = remaining <= 2 * _RETRY_AFTER
-            done, _ = await asyncio.wait(
-                requests,
-                timeout=None if is_last else _RETRY_AFTER,  # each request has its own timeout
-                return_when=asyncio.FIRST_COMPLETED,
-            )
-            if done:
-                return done.pop().result()
-            remaining -= _RETRY_AFTER
-    except NotConnectedError:  # the connection ended before the request
-        raise connection.ended.result() from None
-    finally:
-        await cancel_and_wait(*requests)
-
-
 _LOG = logging.getLogger(__name__)
 
 
@@ -336,23 +166,28 @@ class ReconnectLoop:
     There is never more than one connection.
 
     Args:
-        status: updated with the state of the link.
         subscriptions: renewed on each connection; gets the pushes.
 
     Attributes:
         connection: the connection, from the handshake to its end; None if there is none.
+        state: state of the link.
+        since: as `ChassisClient.since`.
+        last_error: as `ChassisClient.last_error`.
     """
 
     def __init__(
         self,
         config: LinkConfig,
-        status: LinkStatus,
         subscriptions: Subscriptions,
         record: LinkRecord,
     ) -> None:
         self.config = config
         self.connection: Connection | None = None
-        self._status = status
+        self.state = LinkState.STOPPED
+        self.since = time.time()
+        self.last_error: LinkError | None = None
+        self._callbacks: list[Callable[[LinkState], None]] = []
+        self._ready_waiters: set[asyncio.Future[None]] = set()
         self._subscriptions = subscriptions
         self._record = record
         self._log = record.log
@@ -389,13 +224,12 @@ class ReconnectLoop:
         if tasks:
             await asyncio.wait(tasks)
         # `start` may have been called during the wait
-        if not self.running and self._status.state is not LinkState.STOPPED:
-            self._status.enter(LinkState.STOPPED)
+        if not self.running and self.state is not LinkState.STOPPED:
+            self._enter(LinkState.STOPPED)
 
     async def reconfigure(self, config: LinkConfig) -> None:
         """Apply a new configuration; reconnect if a changed field requires it."""
         previous, self.config = self.config, config
-        self._status.address = config.address
         if self.connection is not None:
             self.connection.config = config
         if self._current is not None and not config.keeps_connection(previous):
@@ -406,16 +240,66 @@ class ReconnectLoop:
             if earlier:
                 await asyncio.wait(earlier)
 
+    def on_change(self, callback: Callable[[LinkState], None]) -> None:
+        """Call `callback` with each new state, in the event loop."""
+        self._callbacks.append(callback)
+
+    def _enter(self, state: LinkState) -> None:
+        """Change the state, and notify callbacks and waiters."""
+        if (state is LinkState.READY) != (self.state is LinkState.READY):
+            self.since = time.time()
+        self.state = state
+        for waiter in self._ready_waiters:
+            if state is LinkState.READY and not waiter.done():
+                waiter.set_result(None)
+            elif state is LinkState.STOPPED and not waiter.done():
+                waiter.set_exception(self.not_connected())
+        for callback in tuple(self._callbacks):
+            call_logged(callback, state)
+
+    def note_lost(self, cause: BaseException | None) -> None:
+        """Enter WAITING if the link is ready.
+
+        The last error becomes `cause`, or None if that is not a LinkError.
+        """
+        if self.state is LinkState.READY:
+            self.last_error = cause if isinstance(cause, LinkError) else None
+            self._enter(LinkState.WAITING)
+
+    async def wait_ready(self, timeout: float) -> None:
+        """Wait until the link is ready.
+
+        Raises:
+            NotConnectedError: the link was closed, or not ready within `timeout` seconds.
+        """
+        if self.state is LinkState.READY:
+            return
+        waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._ready_waiters.add(waiter)
+        try:
+            await run_with_timeout(timeout, waiter)
+        except TimeoutError:
+            raise self.not_connected() from None
+        finally:
+            self._ready_waiters.discard(waiter)
+
+    def not_connected(self) -> NotConnectedError:
+        """Return the error for a request while there is no link."""
+        since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.since))
+        error = self.last_error
+        why = _LAST_ERROR(error=said_by(error)) if error else _NO_ATTEMPT()
+        return NotConnectedError(_NOT_CONNECTED(address=self.config.address, since=since, why=why))
+
     async def _run(self) -> None:
         """Connect, and reconnect while this is the current task."""
         this_task = asyncio.current_task()
         if earlier := self._tasks - {this_task}:  # cancelled tasks that close their connection
             await asyncio.wait(earlier)
-        self._status.last_error = None
+        self.last_error = None
         backoff = Backoff(self.config.backoff_min, self.config.backoff_max)
         while self._current is this_task:
             config = self.config
-            self._status.enter(LinkState.CONNECTING)
+            self._enter(LinkState.CONNECTING)
             try:
                 connection = await self._connect(config)
                 if await self._serve(connection) >= config.stable_after:
@@ -425,8 +309,8 @@ class ReconnectLoop:
             except Exception as error:  # the loop must survive whatever a library raises
                 _LOG.debug("the link to %s failed", config.address, exc_info=True)
                 self._note_failure(HandshakeError(repr(error)), f"internal error: {error!r}")
-            if self._status.state is not LinkState.WAITING:
-                self._status.enter(LinkState.WAITING)
+            if self.state is not LinkState.WAITING:
+                self._enter(LinkState.WAITING)
             await asyncio.sleep(backoff.next())
 
     async def _connect(self, config: LinkConfig) -> Connection:
@@ -446,9 +330,7 @@ class ReconnectLoop:
         )
         self.connection = connection  # new subscriptions go to it; requests are refused until READY
         try:
-            self._robot = await handshake(
-                connection, self._subscriptions, config, self._log, self._robot
-            )
+            await self._handshake(connection)
         except BaseException as error:
             self.connection = None
             # any other error is the cancellation of this task, or a defect
@@ -458,27 +340,104 @@ class ReconnectLoop:
         connection.reads_ahead = True  # the first RobotInfo has come, so nothing can overtake it
         return connection
 
+    async def _handshake(self, connection: Connection) -> None:
+        """Renew the subscriptions, request RobotInfo, and check that the expected robot answers.
+
+        Raises:
+            LinkError: the connection ended, or no answer arrived in time.
+            HandshakeError: the answer is not a RobotInfo.
+            OtherRobotError: another robot than the expected one answered.
+        """
+        subscriptions, expected = self._subscriptions, self._robot
+
+        def put_snapshot(answer: Answer) -> None:
+            """Deliver the pushes that were held back, and RobotInfo, if it is the right robot."""
+            if not _is_other(_sender(answer), expected):
+                subscriptions.put_snapshot(answer)
+
+        subscriptions.hold()
+        try:
+            connection.subscribe(subscriptions.wanted, on=True)
+            answer = await self._request_info(connection, put_snapshot)
+            self._check_info(answer)
+            robot = _sender(answer)
+            if _is_other(robot, expected):
+                raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
+            subscriptions.release()  # `put_snapshot` did so, unless the RobotInfo is unreadable
+            # who commands the robot must know its state
+            delivered = asyncio.ensure_future(subscriptions.wait_delivered())
+            try:
+                await asyncio.wait(
+                    (delivered, connection.ended), return_when=asyncio.FIRST_COMPLETED
+                )
+                if connection.ended.done():
+                    raise connection.ended.result()
+            finally:
+                delivered.cancel()
+            if robot is not None:
+                self._robot = robot.completed_by(expected)
+        finally:
+            subscriptions.discard_held()
+
+    async def _request_info(self, connection: Connection, tap: Callable[[Answer], None]) -> Answer:
+        """Request RobotInfo, and again while no answer comes, since a single frame may be lost.
+
+        Raises:
+            LinkError: no answer came within `handshake_timeout`, or the connection has ended.
+        """
+        remaining = self.config.handshake_timeout
+        message = RobotInfo(robot_id=self.config.robot_id or None)
+        requests: set[asyncio.Task[Answer]] = set()
+        try:
+            while True:
+                request = connection.request(message, Sending(remaining, tap=tap))
+                requests.add(asyncio.ensure_future(request))
+                # yet another request would have at most `_RETRY_AFTER` left for its answer
+                is_last = remaining <= 2 * _RETRY_AFTER
+                done, _ = await asyncio.wait(
+                    requests,
+                    timeout=None if is_last else _RETRY_AFTER,  # each request has its own timeout
+                    return_when=asyncio.FIRST_COMPLETED,
+                )
+                if done:
+                    return done.pop().result()
+                remaining -= _RETRY_AFTER
+        except NotConnectedError:  # the connection ended before the request
+            raise connection.ended.result() from None
+        finally:
+            await cancel_and_wait(*requests)
+
+    def _check_info(self, answer: Answer) -> None:
+        """Raise a HandshakeError if an answer is not a RobotInfo; warn if it cannot be read."""
+        if not answer.ok:
+            raise HandshakeError(_NO_INFO(reason=one_line(answer.msg) or REFUSED()))
+        if answer.type != full_name(RobotInfo):
+            raise HandshakeError(_NO_INFO(reason=one_line(answer.defect) or _OTHER_TYPE))
+        if answer.defect:  # perhaps from newer firmware; everything else may work
+            text = f"the first values are missing because {answer.defect}"
+            self._log.warn("no snapshot", text)
+
     async def _serve(self, connection: Connection) -> float:
         """Keep the link ready until the connection ends; return the duration, in seconds."""
         loop = asyncio.get_running_loop()
         ready_at = loop.time()
         cause: LinkError = ConnectionLostError(_CLOSED())  # if this task is cancelled
         try:
-            self._status.last_error = None
+            self.last_error = None
             self._log.clear()  # each link logs its problems again
             self._record.stats.connects += 1
             _LOG.info("connected to %s", self.config.address)
-            self._status.enter(LinkState.READY)
+            self._enter(LinkState.READY)
             cause = await asyncio.shield(connection.ended)
             lasted = loop.time() - ready_at
             self._note_failure(cause, f"lost the link to {self.config.address}: {cause}")
         finally:
             self.connection = None
-            self._status.note_lost(cause)  # first, because the close may take long
+            self.note_lost(cause)  # first, because the close may take long
             await connection.close(cause)
         return lasted
 
     def _note_failure(self, error: LinkError, text: str) -> None:
         """Set the last error, and log `text`; as a warning only if the error is a new one."""
-        self._status.last_error = error
+        self.last_error = error
         self._log.warn(f"connect: {type(error).__name__}: {error}", text)

@@ -354,7 +354,30 @@ class HttpConnection(asyncio.Protocol):
             raise TransportClosedError("the connection ended without a close frame")
 
 
-class WebSocketServerTransport:
+class HttpServerTransport:
+    """The part of a `ServerTransport` that is the same for a WebSocket and for an HTTP call."""
+
+    def __init__(self, connection: HttpConnection) -> None:
+        self._connection = connection
+        self.peer = peer_address(connection.transport)
+
+    def backlog(self) -> int:
+        return self._connection.transport.get_write_buffer_size()
+
+    async def send_raw(self, data: bytes) -> None:
+        await self._connection.write(data)
+
+    def abort(self) -> None:
+        abort_transport(self._connection.transport)
+
+    def pause(self) -> None:
+        self._connection.transport.pause_reading()
+
+    def resume(self) -> None:
+        self._connection.transport.resume_reading()
+
+
+class WebSocketServerTransport(HttpServerTransport):
     """A `ServerTransport` over WebSocket.
 
     Args:
@@ -363,12 +386,8 @@ class WebSocketServerTransport:
     """
 
     def __init__(self, socket: web.WebSocketResponse, connection: HttpConnection) -> None:
+        super().__init__(connection)
         self._socket = socket
-        self._connection = connection
-        self.peer = peer_address(connection.transport)
-
-    def backlog(self) -> int:
-        return self._connection.transport.get_write_buffer_size()
 
     async def send(self, data: str | bytes) -> None:
         try:
@@ -393,9 +412,6 @@ class WebSocketServerTransport:
     async def close(self, timeout: float = 1.0) -> None:
         await close_or_abort(self._socket.close(), self.abort, timeout)
 
-    def abort(self) -> None:
-        abort_transport(self._connection.transport)
-
     def header(self, size: int, *, text: bool = False) -> bytes:
         first = _FINAL_FRAGMENT | (WSMsgType.TEXT if text else WSMsgType.BINARY)
         if size < 126:
@@ -403,15 +419,6 @@ class WebSocketServerTransport:
         if size < 2**16:
             return struct.pack("!BBH", first, 126, size)
         return struct.pack("!BBQ", first, 127, size)
-
-    async def send_raw(self, data: bytes) -> None:
-        await self._connection.write(data)
-
-    def pause(self) -> None:
-        self._connection.transport.pause_reading()
-
-    def resume(self) -> None:
-        self._connection.transport.resume_reading()
 
     def _ended(self, message: WSMessage) -> TransportClosedError:
         """Return the error for a message with which aiohttp reports the end of the WebSocket."""

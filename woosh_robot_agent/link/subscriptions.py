@@ -228,12 +228,6 @@ class Subscriptions:
         """Discard what was held back. After a successful handshake, nothing is held back."""
         self._held = None
 
-    def count_bad_value(self, name: str, reason: str) -> None:
-        """Count a value in a message of type `name` that a consumer cannot use, and log it once."""
-        self._stats.bad_frames["value"] += 1
-        kind = f"bad value: {reason.partition(':')[0]}: {name}"
-        self._log.warn(kind, f"skipped a bad value in {name}: {reason}")
-
     # Called by the reader of the connection; these methods never wait
 
     def put_push(self, codec: Codec, envelope: Envelope, alone: bool) -> None:

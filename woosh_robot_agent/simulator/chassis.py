@@ -46,14 +46,6 @@ class Chassis(Robot):
         spoken: the last texts that the robot was told to say.
         lights: last request for each submodule of the lights.
         remote_controller: address of the radio remote controller, and the keys that are held down.
-        teleop: remote control.
-        follower: following of a leader.
-        tasks: the current task, and the ended ones.
-        actions: the current actions.
-        ownership: starts and resumes jobs.
-        auto_tasks: starts the tasks that the robot does by itself.
-        mapping: makes maps.
-        deployment: collects marks and other points of the map.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -72,9 +64,7 @@ class Chassis(Robot):
         self.tasks = Tasks(self)
         self.actions = Actions(self)
         self.ownership = Ownership(self, self.tasks, self.actions, self.follower, self.teleop)
-        self.auto_tasks = AutoTasks(
-            self, self.tasks, self.ownership, config.charge_after, config.park_after
-        )
+        self.auto_tasks = AutoTasks(self, self.tasks, self.ownership, config)
         self.mapping = MapBuilder(self)
         self.deployment = Deployment(self, self.mapping)
 
@@ -149,12 +139,7 @@ class Chassis(Robot):
         self.mapping.tick()
 
     def localise(self, pose: Pose) -> None:
-        """Set the pose of the robot in the map.
-
-        Raises:
-            RefusedError: the pose is outside the mapped area, or the robot would overlap a wall or
-                an obstacle.
-        """
+        """Set the pose of the robot in the map; raise RefusedError if it cannot stand there."""
         self.require_room(pose)
         self.base.place(pose)
         self.readiness.located = True
@@ -191,10 +176,6 @@ class Chassis(Robot):
         self.readiness.key_manual = manual
         self.readiness.key_accepts = accept
         self._check_conditions()
-
-    def hold_remote_keys(self, keys: int, address: int) -> None:
-        """Hold down keys of the radio remote controller at `address`: one bit each, 0 for none."""
-        self.remote_controller = device_pb2.RfRemoteController(address=address, keys=keys)
 
     def lose_localisation(self) -> None:
         """Lose the localisation, until a client sends the pose."""

@@ -89,13 +89,7 @@ def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
 def _run_chassis(
     parser: argparse.ArgumentParser, options: argparse.Namespace, signals: StopSignals
 ) -> None:
-    """Run a simulated chassis until a signal arrives.
-
-    Raises:
-        DataFileError: the file of the profile or of a scene cannot be used.
-        _PortError: a port cannot be used.
-        SystemExit: an option or the scenario is invalid.
-    """
+    """Run a simulated chassis until a signal arrives; `run` reports the errors."""
     log_to_stderr(
         [logging.WARNING, logging.INFO, logging.DEBUG][min(options.verbose, 2)],
         "%(levelname)s %(name)s: %(message)s",
@@ -127,12 +121,7 @@ _OPTIONS = [each for each in fields(SimulatorConfig) if each.metadata]
 
 
 def _config(options: argparse.Namespace) -> SimulatorConfig:
-    """Return the configuration from the options.
-
-    Raises:
-        ValueError: an option or the scenario is invalid.
-        OSError: the file of the scenario cannot be read.
-    """
+    """Return the configuration from the options; raise ValueError or OSError for invalid ones."""
     scenario = load_scenario(options.scenario) if options.scenario else Scenario()
     return SimulatorConfig(
         **{each.name: getattr(options, each.name) for each in _OPTIONS},
@@ -153,10 +142,7 @@ def _check(scene: Path, profile: str) -> int:
 
 
 async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: int | None) -> None:
-    """Serve clients until a signal arrives.
-
-    After the signal, clients are served until they have disconnected, for `_DISCONNECT_TIMEOUT` at
-    most. Another signal ends this, too, unless it comes within `_REPEAT_TIME`.
+    """Serve clients until a signal arrives, and a little longer, as `run` says.
 
     Args:
         dashboard_port: port of the page; None to serve no page.
@@ -196,11 +182,7 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
 
 
 async def _serve_dashboard(stack: AsyncExitStack, simulator: SimulatedChassis, port: int) -> str:
-    """Serve the page until `stack` is closed, and return the address of the page.
-
-    Raises:
-        _PortError: the port cannot be used.
-    """
+    """Serve the page until `stack` is closed; return its address, or raise _PortError."""
     module = importlib.import_module(_DASHBOARD)
     page: AbstractAsyncContextManager[str] = module.dashboard_beside(simulator, port)
     try:

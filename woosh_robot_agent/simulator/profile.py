@@ -1,8 +1,7 @@
 """Profiles: the behaviour of one robot model, e.g. answer times and speeds, read from YAML files.
 
 The shipped profiles are in the folder `data/profiles/`. The comments in `tr200.yaml` describe each
-key in more detail; docs/simulator_reference.md has them as a table. Unless a class names other
-units, all times are in seconds, distances in metres and speeds in m/s.
+key, with its unit; docs/simulator_reference.md has them as a table.
 """
 
 from __future__ import annotations
@@ -105,31 +104,7 @@ class ModelProfile:
 
 @dataclass(frozen=True)
 class TaskProfile:
-    """Section `tasks`: what tasks do, and how and when their reports show it.
-
-    Attributes:
-        starting_states: states that are reported before a task is executed.
-        first_report: times from the answer to the first report of a task, one chosen at random;
-            empty to report in the steps after the answer.
-        between_jobs: time from the end of an action of a task to the start of the next one.
-        order_effect: time from an ActionOrder to the report that shows its effect.
-        state_first: probability that RobotState is pushed before the answer to a request.
-        empty_report: time from the last report of a task to the report that there is no task; None
-            if there is no such report.
-        report_last_action: True to report the end of a task's last action before that of the task.
-        final_wait: True to do waits of 0 s, e.g. the one at the end of a pick task, too.
-        leave_dock: True if a robot that stands at a charger leaves its dock before a task.
-        next_after_cancel: True if a client's cancel of a task that is not paused ends only this
-            task, so that its set goes on; False if it ends the set.
-        pause_at_obstacle: True to report a task before an obstacle as paused.
-        obstacle_timeout: time after which an obstacle makes a task fail; None for never.
-        charge_as_parking: True to report `kParking` on the way to a charger that the robot has
-            chosen itself.
-        messages: True if reports have texts for people.
-        own_id_factor: an id that the robot chooses for a task is the Unix time in seconds times
-            this factor, plus `own_id_offset`.
-        own_id_offset: see `own_id_factor`.
-    """
+    """Section `tasks`: what tasks do, and how and when their reports show it."""
 
     starting_states: tuple[Literal["kInit", "kReady"], ...]
     first_report: tuple[NotNegative, ...]
@@ -151,13 +126,7 @@ class TaskProfile:
 
 @dataclass(frozen=True)
 class AnswerProfile:
-    """Section `answers`: times from a request to its answer.
-
-    Attributes:
-        default: time for all requests that are not in `requests`.
-        requests: times for other requests, by message type.
-        initialisation: time for InitRobot, during which the robot is not initialised.
-    """
+    """Section `answers`: times from a request to its answer."""
 
     default: RisingDistribution
     requests: Annotated[Mapping[str, RisingDistribution], _check_requests]
@@ -166,16 +135,7 @@ class AnswerProfile:
 
 @dataclass(frozen=True)
 class MappingProfile:
-    """Section `mapping`: times of making a map, from the request BuildMap on.
-
-    Attributes:
-        start: until the answer to the request that begins a map.
-        state_after: until the state of the robot shows the mapping.
-        picture_period: time between two pushed pictures of the map.
-        save: until the answer to the request that saves the map.
-        scene_after: until the saved map is the current one.
-        cancel: until the answer to the request that discards the map.
-    """
+    """Section `mapping`: times of making a map, from the request BuildMap on."""
 
     start: RisingInterval
     state_after: NotNegative
@@ -187,16 +147,7 @@ class MappingProfile:
 
 @dataclass(frozen=True)
 class RateProfile:
-    """Section `rates`: periods of scans and of pushed reports.
-
-    Attributes:
-        pose_speed: minimum time between two PoseSpeed of a moving robot.
-        scan: time between two scans of the laser.
-        scan_push: minimum time between two scans that are pushed.
-        battery: time until an unchanged Battery is pushed again; None for never.
-        operation: time until the record of the day is pushed again although the robot has not
-            driven; None for never.
-    """
+    """Section `rates`: periods of scans and of pushed reports."""
 
     pose_speed: NotNegative
     scan: NotNegative
@@ -207,15 +158,7 @@ class RateProfile:
 
 @dataclass(frozen=True)
 class DrivingProfile:
-    """Section `driving`: limits of the speed, turn rates in rad/s, and remote control.
-
-    Attributes:
-        max_speed: maximum speed.
-        max_turn_rate: maximum turn rate.
-        start_delay: time from the first velocity command to the first motion of a standing robot.
-        rolls_for: time constant of the exponential slowdown after remote control; 0 for none.
-        stops_below: speed, or turn rate, at which this slowdown ends.
-    """
+    """Section `driving`: limits of the speed, turn rates in rad/s, and remote control."""
 
     max_speed: Annotated[float, Between(0.01, 10.0)]
     max_turn_rate: Annotated[float, Between(0.01, 20.0)]
@@ -226,17 +169,7 @@ class DrivingProfile:
 
 @dataclass(frozen=True)
 class BatteryProfile:
-    """Section `battery`: rates, and values of Battery that never change.
-
-    Attributes:
-        idle_drain: discharge, in percent per second.
-        driving_drain: additional discharge, in percent per metre.
-        charging_rate: charge at a charger, in percent per second.
-        health: value that is reported.
-        charge_cycle: value that is reported.
-        battery_cycle: value that is reported.
-        temp_max: temperature that is reported, in degrees Celsius.
-    """
+    """Section `battery`: rates, and values of Battery that never change."""
 
     idle_drain: NotNegative
     driving_drain: NotNegative
@@ -249,16 +182,7 @@ class BatteryProfile:
 
 @dataclass(frozen=True)
 class ChargingProfile:
-    """Section `charging`: docking, and charge tasks.
-
-    Attributes:
-        docking_distance: distance before a mark at which docking starts.
-        docking_speed: speed of docking.
-        starts_after: time from the start of the action that charges to the flow of current.
-        confirmed_after: time from the start of this action to its end, after which the battery goes
-            on charging; None if the action ends when the battery is full.
-        completed_after: time from the end of this action to the end of the task.
-    """
+    """Section `charging`: docking, and charge tasks."""
 
     docking_distance: NotNegative
     docking_speed: Annotated[float, Between(0.001)]
@@ -269,17 +193,7 @@ class ChargingProfile:
 
 @dataclass(frozen=True)
 class RefusalProfile:
-    """Section `refusals`: which requests are refused, and how.
-
-    Attributes:
-        always: texts of the answers to requests that are always refused, by message type.
-        texts: texts of all other refusals of a request, by message type. Types that are not listed
-            have the words for the reason, `Refusal.words`.
-        explained: True to answer with explanations for people instead of these texts.
-        codes: True if a status code follows a refusal for which the real robot has one.
-        while_busy: True to refuse a task or steps while others run, and InitRobot while a task
-            runs; False to replace what runs.
-    """
+    """Section `refusals`: which requests are refused, and how."""
 
     always: Annotated[Mapping[str, str], _check_requests]
     texts: Annotated[Mapping[str, str], _check_requests]

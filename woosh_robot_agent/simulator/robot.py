@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
+from typing import Any
 
 from woosh_robot_agent.data_files import DataFileError
 from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting_pb2
@@ -17,9 +19,15 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes import files
 from woosh_robot_agent.simulator.scenes.scene import Scene, with_map_changed
 from woosh_robot_agent.simulator.timeline import ROUNDING, Timeline
-from woosh_robot_agent.simulator.world.collision import CollisionDetector, Obstacles
-from woosh_robot_agent.simulator.world.geometry import Outline, Pose, Wall, footprints, outer_radius
-from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind
+from woosh_robot_agent.simulator.world.geometry import (
+    Outline,
+    Pose,
+    Wall,
+    footprints,
+    hull,
+    outer_radius,
+)
+from woosh_robot_agent.simulator.world.maps import Map, Mark, MarkKind, Obstacles
 from woosh_robot_agent.simulator.world.planner import PATH_MARGIN
 
 _DOCK_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
@@ -31,9 +39,6 @@ _CHARGER_DISTANCE = 0.3
 
 class Robot(Timeline):
     """The robot and its surroundings. Behaviours act on this object.
-
-    Raises:
-        DataFileError: the file of the profile or of a scene cannot be used.
 
     Attributes:
         profile: behaviour of this robot model.
@@ -76,7 +81,6 @@ class Robot(Timeline):
         self.scenes, self.scene = files.known_scenes(config.scenes)
         self.map, start = files.start_place(self.scene)
         self.obstacles = Obstacles()
-        self._collisions = CollisionDetector()
 
         driving = self.profile.driving
         # The odometer, the charge of the battery and the settings have arbitrary initial values.
@@ -153,19 +157,15 @@ class Robot(Timeline):
 
         It is negative if they overlap.
         """
-        return self._collisions.gap(self.outline, pose, self.ground_truth, self.obstacles)
+        shape = hull(self.outline)
+        return min(self.ground_truth.gap(shape, pose), shape.gap(pose, self.obstacles.walls))
 
     def can_stand(self, pose: Pose) -> bool:
         """Return True if a pose is in the mapped area, and no wall or obstacle is in the way."""
         return self.map.contains(*pose.point) and self.gap(pose) >= 0.0
 
     def require_room(self, pose: Pose) -> None:
-        """Check that the robot can stand at a pose of the map.
-
-        Raises:
-            RefusedError: the pose is outside the mapped area, or the robot would overlap a wall or
-                an obstacle.
-        """
+        """Raise RefusedError unless the robot can stand at a pose of the map."""
         if not self.map.contains(*pose.point):
             raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=self.map.name)
         if self.gap(pose) < 0.0:
@@ -205,8 +205,9 @@ class Robot(Timeline):
         if old and old.name != new.name:
             del self.scenes[old.name]
 
-    def change_map(self, area: Map) -> None:
-        """Replace the current map by a changed map of the same name."""
+    def change_map(self, **changes: Any) -> None:
+        """Replace the current map by its next version, in which some attributes have changed."""
+        area = replace(self.map, version=self.map.version + 1, **changes)
         self.replace_scene(self.scene, with_map_changed(self.scene, self.map, area))
 
     def nearest_mark(self, kind: MarkKind) -> Mark | None:

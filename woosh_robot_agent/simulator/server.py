@@ -14,8 +14,7 @@ from woosh_robot_agent.pb.robot import robot_pack_pb2, robot_pb2
 from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.simulator.chassis import TIME_STEP
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.faults.fault import Injection
-from woosh_robot_agent.simulator.faults.injector import Injector
+from woosh_robot_agent.simulator.faults.fault import Injection, Injector
 from woosh_robot_agent.simulator.protocol.reports import robot_info
 from woosh_robot_agent.simulator.serving.exchange import Interceptor, Received, add_hook
 from woosh_robot_agent.simulator.serving.server import Server
@@ -93,7 +92,7 @@ class SimulatedChassis(Server):
         self._injector.clear()  # otherwise, paused connections could not close
         await self.settle()
         await self._close_connections()
-        await self._ports.close(reserve=False)
+        await self._close(reserve=False)
 
     def on_step(self) -> None:
         self._injector.advance(TIME_STEP)

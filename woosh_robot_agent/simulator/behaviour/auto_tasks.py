@@ -6,6 +6,7 @@ from woosh_robot_agent.pb.util import task_pb2 as util_task_pb2
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.task_jobs import task_jobs
 from woosh_robot_agent.simulator.behaviour.tasks import TaskOrder, Tasks
+from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.robot import Robot
 from woosh_robot_agent.simulator.world.maps import MarkKind
 
@@ -21,24 +22,16 @@ class AutoTasks:
 
     Args:
         ownership: starts the automatic tasks.
-        charge_after: idle time before a robot with a low battery drives to a charger, in simulated
-            seconds.
-        park_after: idle time before a robot drives to a parking place, in simulated seconds.
+        config: has the idle times, `charge_after` and `park_after`.
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        tasks: Tasks,
-        ownership: Ownership,
-        charge_after: float,
-        park_after: float,
+        self, robot: Robot, tasks: Tasks, ownership: Ownership, config: SimulatorConfig
     ) -> None:
         self._robot = robot
         self._tasks = tasks
         self._ownership = ownership
-        self._charge_after = charge_after
-        self._park_after = park_after
+        self._config = config
         self._idle_time = 0.0
         """Simulated time since the robot became idle or got a command, in seconds."""
 
@@ -55,9 +48,9 @@ class AutoTasks:
         self._idle_time += dt
         setting, battery = self._robot.setting, self._robot.battery
         low = battery.percent <= setting.power.low
-        if low and setting.allow.auto_charge and self._idle_time >= self._charge_after:
+        if low and setting.allow.auto_charge and self._idle_time >= self._config.charge_after:
             self._start(MarkKind.CHARGER, util_task_pb2.kCharge)
-        parks = setting.allow.auto_park and self._idle_time >= self._park_after
+        parks = setting.allow.auto_park and self._idle_time >= self._config.park_after
         if parks and not self._ownership.busy:  # it may just have begun to charge
             self._start(MarkKind.PARKSPOT, util_task_pb2.kParking)
 

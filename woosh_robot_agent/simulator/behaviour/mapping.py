@@ -1,4 +1,7 @@
-"""Mapping, i.e. making maps, and deployment, i.e. collecting marks, while a client drives."""
+"""Mapping, i.e. making maps, and deployment, i.e. collecting marks, while a client drives.
+
+Methods that execute a request raise `RefusedError` if the robot cannot do that now, or never.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,9 @@ import math
 from collections.abc import Collection
 from enum import Enum
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
@@ -122,20 +126,13 @@ class MapBuilder:
         """Begin to make a new map; return the time until the answer to the request, in seconds.
 
         The scene may be a new one.
-
-        Raises:
-            RefusedError: the robot cannot start now, or cannot make this map.
         """
         self._require_startable(scene_name, map_name)
         self._require_new(scene_name, map_name)
         return self._start(scene_name, map_name, update=False)
 
     def update(self, scene_name: str, map_name: str) -> float:
-        """Begin to continue the current map; return the time until the answer, in seconds.
-
-        Raises:
-            RefusedError: the robot cannot start now, or the names are not those of the current map.
-        """
+        """Begin to continue the current map; return the time until the answer, in seconds."""
         self._require_startable(scene_name, map_name)
         scenes, scene = self._robot.scenes, self._robot.scenes.get(scene_name)
         if scene is None:
@@ -173,11 +170,7 @@ class MapBuilder:
         return duration
 
     def cancel(self) -> float:
-        """Begin to discard the map; return the time until the answer to the request, in seconds.
-
-        Raises:
-            RefusedError: no mapping is running.
-        """
+        """Begin to discard the map; return the time until the answer to the request, in seconds."""
         self._require_running()
         robot = self._robot
         duration = self._profile.cancel.sample(robot.rng)
@@ -332,13 +325,13 @@ class MapBuilder:
         self._grid = None
 
 
-class PointKind(Enum):
-    """Kind of a collected point. The value is the name of its list in `woosh.map.mark.MarkInfo`."""
-
-    BEACON = "beacons"
-    CODE = "artags"
-    REFLECTOR = "reflectors"
-    MARK = "storages"
+POINT_LISTS: dict[pack.DeploymentType, str] = {
+    pack.kBeacons: "beacons",
+    pack.kArTags: "artags",
+    pack.kReflectors: "reflectors",
+    pack.kMark: "storages",
+}
+"""Kinds of points that can be collected, and the names of their lists in `MarkInfo`."""
 
 
 class CollectedPoint(NamedTuple):
@@ -349,7 +342,7 @@ class CollectedPoint(NamedTuple):
         pose: pose, in the map's frame.
     """
 
-    kind: PointKind
+    kind: pack.DeploymentType
     id: int
     pose: Pose
 
@@ -367,14 +360,11 @@ class Deployment:
         self._collected: list[CollectedPoint] = []
         """Points of this session that were not cancelled, in order."""
 
-    def collect(self, kind: PointKind, pose: Pose | None) -> CollectedPoint:
+    def collect(self, kind: pack.DeploymentType, pose: Pose | None) -> CollectedPoint:
         """Add a point to the map and return it.
 
         Args:
             pose: pose of the point; None for the pose of the robot.
-
-        Raises:
-            RefusedError: the pose is outside the map.
         """
         area, others = self._area, copy_of(self._area.other_marks)
         if pose is None:
@@ -382,26 +372,26 @@ class Deployment:
         elif area is not self._mapping.draft and not area.contains(*pose.point):
             raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=area.name)
         marks = area.marks
-        if kind is PointKind.MARK:
+        if kind == pack.kMark:
             # The answer has only the id, so the mark's number, which tasks name, equals the id.
             taken = {mark.id for mark in marks.values()}
             ids = itertools.count(free_id(taken))
             id_ = next(each for each in ids if each not in taken and str(each) not in marks)
             marks = {**marks, str(id_): Mark(id_, str(id_), pose)}
         else:
-            entries = getattr(others, kind.value)
+            entries = getattr(others, POINT_LISTS[kind])
             id_ = free_id(each.id for each in entries)
             entry = entries.add(id=id_)
-            position = entry.point if kind is PointKind.BEACON else entry.pose
+            position = entry.point if kind == pack.kBeacons else entry.pose
             position.x, position.y = pose.point
-            if kind is not PointKind.BEACON:
+            if kind != pack.kBeacons:
                 position.theta = pose.theta
         point = CollectedPoint(kind, id_, pose)
-        self._replace_area(dataclasses.replace(area, marks=marks, other_marks=others))
+        self._change_area(marks=marks, other_marks=others)
         self._collected.append(point)
         return point
 
-    def cancel(self, kinds: Collection[PointKind] = tuple(PointKind)) -> None:
+    def cancel(self, kinds: Collection[pack.DeploymentType] = tuple(POINT_LISTS)) -> None:
         """Remove the points of some kinds that were collected in this session.
 
         Marks that a client has renamed since then stay.
@@ -414,24 +404,20 @@ class Deployment:
         kept = {
             number: mark
             for number, mark in area.marks.items()
-            if (PointKind.MARK, mark.id) not in cancelled or number != str(mark.id)
+            if (pack.kMark, mark.id) not in cancelled or number != str(mark.id)
         }
-        for kind in (PointKind.BEACON, PointKind.CODE, PointKind.REFLECTOR):
-            entries = getattr(others, kind.value)
+        for kind in (pack.kBeacons, pack.kArTags, pack.kReflectors):
+            entries = getattr(others, POINT_LISTS[kind])
             left = [each for each in entries if (kind, each.id) not in cancelled]
             del entries[:]
             entries.extend(left)
-        self._replace_area(dataclasses.replace(area, marks=kept, other_marks=others))
+        self._change_area(marks=kept, other_marks=others)
 
     def calibrate(self) -> list[CollectedPoint]:
-        """Return the reflectors of the map, as if the robot had found each at its known pose.
-
-        Raises:
-            RefusedError: the map has no reflectors.
-        """
+        """Return the reflectors of the map, as if the robot had found each at its known pose."""
         reflectors = [
             CollectedPoint(
-                PointKind.REFLECTOR, each.id, Pose(each.pose.x, each.pose.y, each.pose.theta)
+                pack.kReflectors, each.id, Pose(each.pose.x, each.pose.y, each.pose.theta)
             )
             for each in self._area.other_marks.reflectors
         ]
@@ -457,9 +443,9 @@ class Deployment:
         """The map to which points are added: a new map that is being made, or the current map."""
         return self._mapping.draft or self._robot.map
 
-    def _replace_area(self, area: Map) -> None:
-        """Store the changed `_area`; a change of the current map is a new version of it."""
+    def _change_area(self, **changes: Any) -> None:
+        """Change attributes of `_area`; a change of the current map is a new version of it."""
         if self._mapping.draft:
-            self._mapping.draft = area
+            self._mapping.draft = dataclasses.replace(self._mapping.draft, **changes)
         else:
-            self._robot.change_map(dataclasses.replace(area, version=area.version + 1))
+            self._robot.change_map(**changes)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
 from woosh_robot_agent.pb.util import navigation_pb2
+from woosh_robot_agent.simulator import status_codes
 from woosh_robot_agent.simulator.behaviour.jobs import Job, Progress, failed, is_clear
 from woosh_robot_agent.simulator.body.base import (
     ACCELERATION,
@@ -22,14 +23,6 @@ from woosh_robot_agent.simulator.body.base import (
 from woosh_robot_agent.simulator.body.devices import Device
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.robot import Robot
-from woosh_robot_agent.simulator.status_codes import (
-    DRIVING_STRAIGHT,
-    GOAL_OCCUPIED,
-    GOAL_UNREACHABLE,
-    NEW_NAVIGATION,
-    OBSTACLE_AVOIDED,
-    Code,
-)
 from woosh_robot_agent.simulator.world.geometry import Point, Pose, Wall, outer_radius, wrap
 from woosh_robot_agent.simulator.world.planner import (
     PATH_MARGIN,
@@ -46,7 +39,7 @@ class NoRouteError(Exception):
         code: status code of the reason.
     """
 
-    def __init__(self, text: str, code: Code) -> None:
+    def __init__(self, text: str, code: status_codes.Code) -> None:
         super().__init__(text)
         self.code = code
 
@@ -101,7 +94,7 @@ def plan_route(
             raise NoRouteError(
                 f"the way to {goal} is too long or too winding to plan: choose a nearer goal, "
                 "or add poses on the way, each in sight of the next",
-                GOAL_UNREACHABLE,
+                status_codes.GOAL_UNREACHABLE,
             ) from None
         if leg is None:
             raise _no_path_error(robot, goal)
@@ -118,9 +111,9 @@ def _no_path_error(robot: Robot, goal: Pose) -> NoRouteError:
     grid = robot.map.grid
     if grid and grid.kept_out(*goal.point):
         text = f"{goal} is in a keep-out area: choose a goal outside of it"
-        return NoRouteError(text, GOAL_OCCUPIED)
+        return NoRouteError(text, status_codes.GOAL_OCCUPIED)
     is_occupied = robot.map.contains(*goal.point) and not robot.can_stand(goal)
-    code = GOAL_OCCUPIED if is_occupied else GOAL_UNREACHABLE
+    code = status_codes.GOAL_OCCUPIED if is_occupied else status_codes.GOAL_UNREACHABLE
     return NoRouteError(f"no free path to {goal}: choose a goal on free floor", code)
 
 
@@ -275,7 +268,7 @@ class Navigate(Job):
                 return failed(str(error), error.code.number)
         if not self._announced:
             self._announced = True
-            robot.codes.report(NEW_NAVIGATION, self.kind)
+            robot.codes.report(status_codes.NEW_NAVIGATION, self.kind)
         base = robot.base
         free = self._clear_ahead(robot)
         progress = self._progress(base)
@@ -359,7 +352,7 @@ class Navigate(Job):
             self._plan(robot, obstacles)
         except NoRouteError:
             return False
-        robot.codes.report(OBSTACLE_AVOIDED, self.kind)
+        robot.codes.report(status_codes.OBSTACLE_AVOIDED, self.kind)
         return True
 
     def _drive_to(self, corner: Point, robot: Robot, dt: float) -> bool:
@@ -379,7 +372,7 @@ class Navigate(Job):
                 base.drive(Velocity(turn=approach(bearing, TURN_SPEED, ANGULAR_ACCELERATION, dt)))
                 return True
             self._turning = False
-            robot.codes.report(DRIVING_STRAIGHT, self.kind)
+            robot.codes.report(status_codes.DRIVING_STRAIGHT, self.kind)
         # How far the base can drive: to the end of the stretch, or until the corner is beside it.
         ahead = stretch.length if second else distance * math.cos(bearing)
         if ahead <= _POSITION_TOLERANCE:  # the corner is beside the base or behind it

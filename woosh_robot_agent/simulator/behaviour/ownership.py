@@ -1,6 +1,7 @@
 """Decides which job owns which device: the wheels, the lifts, the charger.
 
-All requests that start or resume a job go through `Ownership`. Its rules:
+All requests that start or resume a job go through `Ownership`. It raises `RefusedError` for those
+that its rules refuse, and while the robot is not ready. The rules:
 
 - At most one job owns a device. A paused job owns nothing.
 - A new task replaces everything that drives or charges. With `while_busy` in the profile, it is
@@ -87,9 +88,6 @@ class Ownership:
 
         Args:
             orders: at least one task, in order.
-
-        Raises:
-            RefusedError: the robot is not ready, or the current task has precedence.
         """
         self._robot.readiness.require_ready()
         if self._has_precedence(orders[0]):
@@ -99,24 +97,14 @@ class Ownership:
         self._tasks.start(orders)
 
     def resume_task(self) -> None:
-        """Resume a paused task, or end the wait of a waiting task.
-
-        Raises:
-            RefusedError: there is no task, or a paused task cannot go on: the robot is not ready,
-                or an action owns the device that the task needs.
-        """
+        """Resume a paused task, or end the wait of a waiting task."""
         self._tasks.require_active(refusals.NO_TASK_TO_RESUME)
         if self._tasks.paused:
             self._take_device_for_task()
         self._tasks.resume()
 
     def recover_task(self) -> None:
-        """Resume a paused task, or retry a failed one from the job that failed.
-
-        Raises:
-            RefusedError: there is no task to recover, the robot is not ready, or an action owns
-                the device that the task needs.
-        """
+        """Resume a paused task, or retry a failed one from the job that failed."""
         if self._tasks.recoverable:
             self._take_device_for_task()
             self._tasks.retry()
@@ -130,10 +118,6 @@ class Ownership:
             name: full protobuf name of the action.
             ends: another device whose action ends too, e.g. the charger that the robot leaves;
                 `NONE` for no other device.
-
-        Raises:
-            RefusedError: a task of a client owns one of the devices; or, with `while_busy` in the
-                profile, the action is StepControl and one runs already.
         """
         is_steps = short_name(name) == _STEP_CONTROL
         owner = self._actions.owner(Device.WHEELS)
@@ -147,11 +131,7 @@ class Ownership:
         self._actions.start(name, job)
 
     def resume_action(self, name: str) -> None:
-        """Resume a paused action; one that runs just goes on.
-
-        Raises:
-            RefusedError: the action neither runs nor is paused, or another job owns its device.
-        """
+        """Resume a paused action; one that runs just goes on."""
         job = self._actions.paused_job(name)
         if job is None:
             return

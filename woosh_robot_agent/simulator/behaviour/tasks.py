@@ -64,7 +64,7 @@ class Tasks:
     """The current task, the rest of its set, and the ended tasks.
 
     `Ownership` decides when a task may start or resume. The profile decides when the reports show
-    what has happened.
+    what has happened. Orders raise `RefusedError` if there is no task for them.
 
     Attributes:
         proc: the current or last task, empty before the first. Its state may be ahead of the
@@ -178,9 +178,6 @@ class Tasks:
             reason: text of the report.
             state: state of the action in the report.
             ordered: True if a client has ordered the pause, which is then reported later.
-
-        Raises:
-            RefusedError: there is no task.
         """
         self.require_active(refusals.NO_TASK_TO_PAUSE)
         if self.paused or self._canceling:
@@ -222,9 +219,6 @@ class Tasks:
         Args:
             reason: text of the report.
             ordered: True if a client has ordered the cancel, which then takes effect later.
-
-        Raises:
-            RefusedError: there is no task.
         """
         ends_set = self.paused or not (ordered and self._profile.next_after_cancel)
         if self.between_tasks and ends_set:

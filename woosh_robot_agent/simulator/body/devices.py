@@ -1,4 +1,7 @@
-"""Devices of the robot, e.g. battery, lifts and Wi-Fi, and its modes and conditions."""
+"""Devices of the robot, e.g. battery, lifts and Wi-Fi, and its modes and conditions.
+
+Methods that execute a request raise `RefusedError` for values that the device cannot use.
+"""
 
 from __future__ import annotations
 
@@ -85,11 +88,7 @@ class Lift:
         return self.height > self.travel / 2
 
     def checked(self, height: float) -> float:
-        """Return a height that the lift can reach: `height`, without a rounding error.
-
-        Raises:
-            RefusedError: the lift cannot reach the height.
-        """
+        """Return a height that the lift can reach: `height`, without a rounding error."""
         if not -_ROUNDING <= height <= self.travel + _ROUNDING:
             raise RefusedError(f"{self.name}: {height:.3f} m is not within 0 to {self.travel:g} m")
         return min(max(height, 0.0), self.travel)
@@ -142,11 +141,7 @@ class WiFi:
         return self.list_json
 
     def add(self, content: bytes, *, connect: bool) -> None:
-        """Add a network to the known networks, and connect to it if `connect` is True.
-
-        Raises:
-            RefusedError: `content` is not a JSON object with the `ssid` of a network within reach.
-        """
+        """Add a network to the known networks, and connect to it if `connect` is True."""
         ssid = _ssid(content)
         if ssid not in _IN_REACH:
             raise RefusedError(f"network {ssid} is out of reach: choose one of the last scan")
@@ -155,22 +150,14 @@ class WiFi:
             self.name, self.hotspot = ssid, False
 
     def reconnect(self, content: bytes) -> None:
-        """Connect to a known network; the robot is no longer a hotspot.
-
-        Raises:
-            RefusedError: `content` is not a JSON object with the `ssid` of a known network.
-        """
+        """Connect to a known network; the robot is no longer a hotspot."""
         ssid = _ssid(content)
         if ssid not in self._known:
             raise RefusedError(refusals.NETWORK_NOT_KNOWN, ssid=ssid)
         self.name, self.hotspot = ssid, False
 
     def forget(self, content: bytes) -> None:
-        """Remove a network, whose SSID is `content`, from the known networks.
-
-        Raises:
-            RefusedError: the network is not known.
-        """
+        """Remove a network, whose SSID is `content`, from the known networks."""
         ssid = content.decode(errors="replace")
         if ssid not in self._known:
             raise RefusedError(refusals.NETWORK_NOT_KNOWN, ssid=ssid)

@@ -4,8 +4,20 @@
 """
 
 from woosh_robot_agent.simulator.config import Scenario, Step
-from woosh_robot_agent.simulator.faults.fault import FAULTS, Argument, Fault, FaultError, Injection
-from woosh_robot_agent.simulator.faults.injector import load_scenario, markdown, parse_fault
+from woosh_robot_agent.simulator.faults import (
+    chassis_faults,  # noqa: F401 - adds its faults
+    link_faults,  # noqa: F401 - adds its faults
+)
+from woosh_robot_agent.simulator.faults.fault import (
+    FAULTS,
+    Argument,
+    Fault,
+    FaultError,
+    Injection,
+    load_scenario,
+    markdown,
+    parse_fault,
+)
 
 __all__ = [
     "FAULTS",

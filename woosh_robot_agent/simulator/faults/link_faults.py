@@ -12,10 +12,11 @@ from typing import Any
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
+from woosh_robot_agent.link.config import MIB
 from woosh_robot_agent.link.frames import Codec, FrameError
 from woosh_robot_agent.link.protos import message_type
 from woosh_robot_agent.link.server import Encoded, ServerTransport, Write
-from woosh_robot_agent.link.transport import varint
+from woosh_robot_agent.link.transport import CHUNK, varint
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
 from woosh_robot_agent.simulator.faults.fault import Argument, Begin, End, Injection, fault
 from woosh_robot_agent.simulator.serving.exchange import Outgoing, Release, add_hook
@@ -239,11 +240,6 @@ def _wrong_type(injection: Injection, frame: Outgoing) -> Iterable[Outgoing]:
     return [dataclasses.replace(frame, type=injection["other"])]
 
 
-_MIB = 1024 * 1024
-
-_CHUNK = 256 * 1024
-"""Size of the parts in which padding is sent, in bytes."""
-
 _UNKNOWN_NAME, _UNKNOWN_VALUE = "fieldOfLaterFirmware", {"level": [1, 2.5, "x", None]}
 _UNKNOWN_NUMBER = 1999
 """Name, value and number of a field that no message of the chassis has."""
@@ -289,7 +285,7 @@ def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Beg
 
 @fault(
     "frames are replaced by noise: text instead of JSON, bytes instead of protobuf",
-    Argument("length", 64, "length of the noise", 1, _MIB, unit="bytes"),
+    Argument("length", 64, "length of the noise", 1, MIB, unit="bytes"),
     *_SELECTION,
 )
 @_damaging
@@ -345,10 +341,10 @@ def _oversize(injection: Injection, codec: Codec, data: str | bytes) -> Encoded:
     """Pad a valid frame: JSON with blanks, protobuf with an unknown field of zeros."""
     raw = _bytes(data)
     text = isinstance(data, str)
-    padding = max(0, injection["mib"] * _MIB - len(raw))
+    padding = max(0, injection["mib"] * MIB - len(raw))
     if not text:
         raw += _tag(_UNKNOWN_NUMBER, _DELIMITED) + varint(padding)
-    filling = (b" " if text else b"\0") * _CHUNK
+    filling = (b" " if text else b"\0") * CHUNK
 
     async def write(transport: ServerTransport) -> None:
         await transport.send_raw(transport.header(len(raw) + padding, text=text) + raw)

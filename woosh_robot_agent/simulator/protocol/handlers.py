@@ -1,9 +1,12 @@
-"""Types of request handlers, and helpers for handlers."""
+"""Handlers of requests: their registration, the dispatch of requests, and helpers for handlers."""
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable, Iterable
+from collections import ChainMap
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from google.protobuf.message import Message
@@ -13,8 +16,11 @@ from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
+from woosh_robot_agent.simulator.status_codes import Code
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map, Mark
+
+_LOG = logging.getLogger(__name__)
 
 Result = Message | str | None
 """Content of the answer: a body, a text (then the body is empty), or None (both are empty)."""
@@ -51,6 +57,74 @@ def _registering(handlers: dict[str, Handler], request: type[Message]) -> Callab
     return add
 
 
+SUCCESS = "Request succeed"
+"""Text of the answer to an executed command, as the real robot words it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The answer to a request.
+
+    Attributes:
+        type: full protobuf name of the body; without a body, the one of the request, or `error` if
+            no request has its type.
+        body: body, None for an empty body.
+        ok: True if the request was executed, or merely has no effect and gets an explanation.
+        msg: text for people; the reason if the request was refused; empty for most queries.
+        code: status code that follows the answer, None if there is none.
+    """
+
+    type: str
+    body: Message | None
+    ok: bool
+    msg: str
+    code: Code | None = None
+
+
+HANDLERS: Mapping[str, Handler] = ChainMap(QUERIES, COMMANDS)
+"""All handlers, by full protobuf name."""
+
+
+def dispatch(chassis: Chassis, request: Message) -> Answer:
+    """Execute or refuse a request, whose type must be in `HANDLERS`, and return the answer."""
+    name = request.DESCRIPTOR.full_name
+    text = chassis.profile.refusals.always.get(name)  # this robot model refuses the type
+    if text is not None:
+        return Answer(name, None, ok=False, msg=text)
+    try:
+        path = non_finite(request)
+        if path:
+            raise RefusedError(f"{path} is not a finite number")
+        if name in COMMANDS:
+            chassis.auto_tasks.postpone()
+        result = HANDLERS[name](chassis, request)
+    except RefusedError as error:
+        return _answer_refused(chassis, name, error)
+    if isinstance(result, str):
+        explained = chassis.profile.refusals.explained
+        return Answer(name, None, ok=True, msg=result if explained else SUCCESS)
+    msg = "" if name in QUERIES else SUCCESS
+    if result is None:
+        return Answer(name, None, ok=True, msg=msg)
+    return Answer(result.DESCRIPTOR.full_name, result, ok=True, msg=msg)
+
+
+def _answer_refused(chassis: Chassis, name: str, error: RefusedError) -> Answer:
+    """Return the answer to a request that its handler has refused, worded as in the profile."""
+    refusal, profile = error.refusal, chassis.profile.refusals
+    _LOG.info("%s is refused: %s", name, error)
+    if profile.explained:
+        return Answer(name, None, ok=refusal.harmless, msg=str(error))
+    words = profile.texts.get(name, refusal.words)
+    code = refusal.code if profile.codes else None
+    return Answer(name, None, ok=False, msg=words, code=code)
+
+
+def refusal_answer(name: str, reason: str) -> Answer:
+    """Return the answer to a request of the type `name` that is refused without a handler."""
+    return Answer(name if name in HANDLERS else "error", None, ok=False, msg=reason)
+
+
 MAX_POSES = 200
 """Maximum number of poses in a request. Each pose may need a search of the whole map."""
 
@@ -61,11 +135,7 @@ def pose(message: common_pb2.Pose2D) -> Pose:
 
 
 def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
-    """Convert messages to poses.
-
-    Raises:
-        RefusedError: there are more than `MAX_POSES` poses.
-    """
+    """Convert messages to poses, of which there may be `MAX_POSES`."""
     converted = [pose(message) for message in messages]
     if len(converted) > MAX_POSES:
         raise RefusedError(f"{len(converted)} poses are more than {MAX_POSES}: send fewer")
@@ -73,11 +143,7 @@ def poses(messages: Iterable[common_pb2.Pose2D]) -> list[Pose]:
 
 
 def named_scene(chassis: Chassis, name: str) -> Scene:
-    """Return the scene called `name`, or the current scene if `name` is empty.
-
-    Raises:
-        RefusedError: there is no such scene.
-    """
+    """Return the scene called `name`, or the current scene if `name` is empty."""
     scene = chassis.scenes.get(name) if name else chassis.scene
     if scene is None:
         raise RefusedError(
@@ -88,11 +154,7 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
 
 
 def named_map(scene: Scene, name: str) -> Map:
-    """Return the map called `name` of a scene, or its first map if `name` is empty.
-
-    Raises:
-        RefusedError: there is no such map.
-    """
+    """Return the map called `name` of a scene, or its first map if `name` is empty."""
     area = scene.map(name)
     if area is None:
         maps = ", ".join(each.name for each in scene.maps)
@@ -112,11 +174,7 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
 
 
 def require_map_changeable(chassis: Chassis) -> None:
-    """Check that the current map may change: nothing that depends on it runs or is paused.
-
-    Raises:
-        RefusedError: a task runs or is paused, an action drives, or a navigation is paused.
-    """
+    """Require that the current map may change: nothing that depends on it runs or is paused."""
     # A paused task or navigation would continue to a target on the old map.
     if chassis.tasks.paused:
         raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
@@ -137,11 +195,7 @@ _ROUNDING = 1e-6
 
 
 def usable_speed(speed: float, minimum: float = _MIN_SPEED) -> float:
-    """Return the absolute value of a requested speed; 0, which stands for the default, stays 0.
-
-    Raises:
-        RefusedError: the speed is slower than `minimum`, but not 0.
-    """
+    """Return the absolute value of a speed: at least `minimum`, or 0, which means the default."""
     if 0.0 < abs(speed) < minimum - _ROUNDING:
         raise RefusedError(
             f"speed {speed:g} is too slow: use at least {minimum:g}, or 0 for the default"

@@ -1,4 +1,4 @@
-"""Handlers of requests about scenes and maps: read, change, upload, make, rename and delete."""
+"""Handlers of requests about scenes, maps and marks: read, upload, make, change and delete."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.pb.map import map_pack_pb2
+from woosh_robot_agent.pb.map import map_pack_pb2, mark_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.mapping import CollectedPoint, PointKind, require_name
+from woosh_robot_agent.simulator.behaviour.mapping import POINT_LISTS, CollectedPoint, require_name
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
     command,
     named_map,
+    named_mark,
     named_scene,
     pose,
     query,
@@ -26,15 +27,22 @@ from woosh_robot_agent.simulator.protocol.handlers import (
 from woosh_robot_agent.simulator.protocol.reports import pose2d
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.files import MAX_SCENES
+from woosh_robot_agent.simulator.scenes.robot_files import MAX_MARKS
 from woosh_robot_agent.simulator.scenes.scene import (
     SCENE_INDEX,
     Scene,
     files_of,
+    free_id,
+    has_pose,
+    mark_of,
+    storage_of,
+    storages_of,
     with_map_renamed,
     without_map,
 )
+from woosh_robot_agent.simulator.timeline import copy_of
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map
+from woosh_robot_agent.simulator.world.maps import Map, Mark
 
 
 @command(pack.SwitchMap)
@@ -44,8 +52,6 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> None:
     if request.file_datas:
         name = request.scene_name or chassis.scene.name
         old = _old_scene(chassis, name)
-        if old is None:
-            require_name("scene_name", name)
         scene = scene_files.updated_scene(name, old, request.file_datas)
         if scene is None:
             # No file describes the new scene: it gets the current map under a new name.
@@ -69,9 +75,6 @@ def _scene_of_map(chassis: Chassis, map_name: str) -> str:
     """Return the name of the scene that has a map.
 
     That is the current scene if it has the map, or if no scene has it, or if no map is named.
-
-    Raises:
-        RefusedError: the current scene does not have the map, and several others have it.
     """
     if not map_name or chassis.scene.map(map_name):
         return chassis.scene.name
@@ -88,8 +91,6 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> None:
         raise RefusedError("the upload has no files: give at least one")
     name = request.scene_name or chassis.scene.name
     old = _old_scene(chassis, name)
-    if old is None:
-        require_name("scene_name", name)
     if old is chassis.scene:
         _require_idle(chassis)
     scene_files.check_pictures(request.file_datas)
@@ -168,14 +169,12 @@ def _require_idle(chassis: Chassis) -> None:
 
 
 def _old_scene(chassis: Chassis, name: str) -> Scene | None:
-    """Return the scene that an upload changes, or None if the upload adds a scene.
-
-    Raises:
-        RefusedError: there are too many scenes to add another one.
-    """
+    """Return the scene that an upload changes, or None if the upload adds a scene."""
     old = chassis.scenes.get(name)
-    if not old and len(chassis.scenes) >= MAX_SCENES:
-        raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
+    if not old:
+        if len(chassis.scenes) >= MAX_SCENES:
+            raise RefusedError(refusals.TOO_MANY_SCENES, limit=MAX_SCENES)
+        require_name("scene_name", name)
     return old
 
 
@@ -241,15 +240,6 @@ def _file_md5s(files: Mapping[str, bytes]) -> list[common_pb2.FileMD5]:
     ]
 
 
-_KINDS: dict[int, PointKind] = {
-    pack.kBeacons: PointKind.BEACON,
-    pack.kArTags: PointKind.CODE,
-    pack.kReflectors: PointKind.REFLECTOR,
-    pack.kMark: PointKind.MARK,
-}
-"""Kinds of points by `woosh.robot.DeploymentType`."""
-
-
 @command(pack.BuildMap)
 def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
     """Start to make or to update a map, save it, or cancel it."""
@@ -285,9 +275,9 @@ def _deployment(chassis: Chassis, request: pack.Deployment) -> Message:
         given = pose(request.pose)
         # Some clients send an empty pose if they mean the pose of the robot.
         where = given if request.HasField("pose") and given != Pose() else None
-        points = [chassis.deployment.collect(_KINDS[kind], where)]
+        points = [chassis.deployment.collect(kind, where)]
     elif mode == pack.kDepCancel:
-        chassis.deployment.cancel([_KINDS[kind]] if kind else list(PointKind))
+        chassis.deployment.cancel([kind] if kind else list(POINT_LISTS))
     else:
         points = chassis.deployment.calibrate()
     markers = [
@@ -306,7 +296,7 @@ def _check_deployment(chassis: Chassis, request: pack.Deployment) -> None:
             f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
         )
     # Only collecting needs a type; without a type, a cancel concerns all kinds of points.
-    if kind not in _KINDS and (kind or mode == pack.kDepCollect):
+    if kind not in POINT_LISTS and (kind or mode == pack.kDepCollect):
         raise RefusedError(
             f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
         )
@@ -316,3 +306,98 @@ def _check_deployment(chassis: Chassis, request: pack.Deployment) -> None:
         )
     if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
         raise RefusedError("only reflectors can be calibrated: use type 3")
+
+
+_MAX_MARK_NUMBER = 100
+"""Maximum length of the number of a mark, in characters."""
+
+_MAX_MARK = 4096
+"""Maximum size of the data of a mark, in bytes."""
+
+
+@query(storage_edit_pb2.Find)
+def _find_mark(chassis: Chassis, request: storage_edit_pb2.Find) -> Message:
+    return storage_of(named_mark(chassis, request.no))
+
+
+@query(storage_edit_pb2.Storages)
+def _storages(chassis: Chassis, request: storage_edit_pb2.Storages) -> Message:
+    return storages_of(chassis.map.marks.values())
+
+
+@command(storage_edit_pb2.Create)
+def _create_mark(chassis: Chassis, request: storage_edit_pb2.Create) -> Message:
+    area, storage = chassis.map, copy_of(request.storage)  # a copy: tests read the request as sent
+    if len(area.marks) >= MAX_MARKS:
+        raise RefusedError(f"map {area.name} has {MAX_MARKS} marks already: delete one first")
+    if storage.identity.no in area.marks:
+        raise RefusedError(
+            f"mark {storage.identity.no} of map {area.name} exists already: choose another "
+            "number, or update it"
+        )
+    if not storage.identity.id:
+        storage.identity.id = free_id(mark.id for mark in area.marks.values())
+    mark = _checked_mark(chassis, storage)
+    _store_marks(chassis, [*area.marks.values(), mark])
+    return storage_of(mark)
+
+
+@command(storage_edit_pb2.Update)
+def _update_mark(chassis: Chassis, request: storage_edit_pb2.Update) -> None:
+    """Change the mark with the given number; if no mark has it, renumber the mark with the id."""
+    area, changes = chassis.map, request.storage
+    number, id_ = changes.identity.no, changes.identity.id
+    by_id = next((mark for mark in area.marks.values() if id_ and mark.id == id_), None)
+    old = area.marks.get(number) or by_id or named_mark(chassis, number)
+    storage = storage_of(old)
+    # A given field replaces the old one, and a given category replaces another category.
+    for field, _ in changes.ListFields():
+        if field.containing_oneof:
+            storage.ClearField(storage.WhichOneof(field.containing_oneof.name) or field.name)
+        else:
+            storage.ClearField(field.name)
+    storage.MergeFrom(changes)
+    storage.identity.id = id_ or old.id
+    mark = _checked_mark(chassis, storage, old)
+    _store_marks(chassis, [mark if each is old else each for each in area.marks.values()])
+
+
+@command(storage_edit_pb2.Delete)
+def _delete_mark(chassis: Chassis, request: storage_edit_pb2.Delete) -> None:
+    old = named_mark(chassis, request.no)
+    _store_marks(chassis, [each for each in chassis.map.marks.values() if each is not old])
+
+
+def _checked_mark(chassis: Chassis, storage: mark_pb2.Storage, old: Mark | None = None) -> Mark:
+    """Check the mark that a client has described, and return it.
+
+    Args:
+        chassis: the robot, on whose current map the mark is.
+        old: the mark that it replaces, None for a new mark.
+    """
+    area, number = chassis.map, storage.identity.no
+    if not number:
+        raise RefusedError("the mark has no number: set identity.no")
+    if len(number) > _MAX_MARK_NUMBER:
+        raise RefusedError(refusals.TEXT_TOO_LONG, field="identity.no", limit=_MAX_MARK_NUMBER)
+    if storage.ByteSize() > _MAX_MARK:
+        raise RefusedError(
+            f"the data of mark {number} have {storage.ByteSize()} bytes, more than "
+            f"{_MAX_MARK}: send fewer"
+        )
+    if not has_pose(storage):
+        raise RefusedError(f"mark {number} has no pose: set pose.dock")
+    for other in area.marks.values():
+        if other is not old and other.id == storage.identity.id:
+            raise RefusedError(
+                f"mark {other.number} of map {area.name} has the id {other.id} already: use 0 "
+                "for a free one"
+            )
+    mark = mark_of(storage)
+    if not area.contains(*mark.pose.point):
+        raise RefusedError(f"mark {number} is outside map {area.name}: choose a pose inside")
+    return mark
+
+
+def _store_marks(chassis: Chassis, marks: list[Mark]) -> None:
+    chassis.change_map(marks={mark.number: mark for mark in marks})

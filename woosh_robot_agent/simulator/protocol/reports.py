@@ -64,11 +64,6 @@ def general(chassis: Chassis) -> robot_pb2.General:
     )
 
 
-def setting(chassis: Chassis) -> robot_pb2.Setting:
-    """Return the settings."""
-    return copy_of(chassis.setting)
-
-
 def robot_state(chassis: Chassis) -> robot_pb2.RobotState:
     """Return the state of the robot."""
     return robot_pb2.RobotState(robot_id=chassis.robot_id, state=chassis.state)
@@ -216,17 +211,12 @@ def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
     return plan
 
 
-def remote_controller(chassis: Chassis) -> device_pb2.RfRemoteController:
-    """Return the address of the radio remote controller, and the keys that are held down."""
-    return chassis.remote_controller
-
-
 def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
     """Return all states of the robot, and the last records of its statistics, in one message."""
     return robot_pb2.RobotInfo(
         robot_id=chassis.robot_id,
         genral=general(chassis),  # the misspelling is that of the schema
-        setting=setting(chassis),
+        setting=chassis.setting,
         state=chassis.state,
         mode=mode(chassis),
         pose_speed=pose_speed(chassis),
@@ -358,7 +348,7 @@ def _map_data(
 
 
 STATES: dict[type[Message], Callable[[Chassis], Message]] = {
-    robot_pb2.Setting: setting,
+    robot_pb2.Setting: lambda chassis: copy_of(chassis.setting),
     robot_pb2.RobotState: robot_state,
     robot_pb2.Mode: mode,
     robot_pb2.PoseSpeed: pose_speed,
@@ -372,7 +362,7 @@ STATES: dict[type[Message], Callable[[Chassis], Message]] = {
     robot_count_pb2.AbnormalCodes: abnormal_codes,
     robot_pb2.NavPath: nav_path,
     robot_pb2.PlanPath: plan_path,
-    device_pb2.RfRemoteController: remote_controller,
+    device_pb2.RfRemoteController: lambda chassis: chassis.remote_controller,
 }
 """Reports that are pushed when they change, by their message class."""
 

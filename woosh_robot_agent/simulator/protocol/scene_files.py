@@ -68,9 +68,6 @@ def updated_scene(
 
     Returns:
         The scene, or None if no file describes it.
-
-    Raises:
-        RefusedError: a file is invalid, or the scene has too many maps.
     """
     new = merge_files({}, upload)
     files = merge_files(files_of(old).all if old and not replace else {}, upload)
@@ -160,11 +157,7 @@ def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
 
 
 def check_map_files(scene: Scene) -> None:
-    """Check the files that a scene keeps for its maps, even if `scene.yaml` describes the maps.
-
-    Raises:
-        RefusedError: a file cannot be read.
-    """
+    """Check the files that a scene keeps for its maps, even if `scene.yaml` describes the maps."""
     try:
         for area in scene.maps:
             read_mark_info(area.name, scene.files)
@@ -189,11 +182,7 @@ def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
 def merge_files(
     old: Mapping[str, bytes], upload: Iterable[common_pb2.FileData]
 ) -> dict[str, bytes]:
-    """Return the files of a scene after an upload, which adds files and replaces files.
-
-    Raises:
-        RefusedError: a file name is invalid, or the files are too many or too large.
-    """
+    """Return the files of a scene after an upload, which adds files and replaces files."""
     new: dict[str, bytes] = {}
     for file in upload:
         # A client that downloads the files writes them to a folder: no name may lead out of it.

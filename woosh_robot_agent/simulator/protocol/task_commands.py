@@ -61,9 +61,6 @@ def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
     Clients may send all three kinds of targets, with the unused ones empty: a mark takes precedence
     over a path, and a path over a pose. A charge task whose pose is missing or empty leads to the
     nearest charger.
-
-    Raises:
-        RefusedError: the task has no usable target.
     """
     if request.mark_no:
         mark = named_mark(chassis, request.mark_no)
@@ -86,11 +83,7 @@ def _target(chassis: Chassis, request: pack.ExecTask) -> Mark | Navigate:
 
 
 def _route(path: robot_pb2.PlanPath) -> tuple[list[Pose], bool]:
-    """Return the poses of a path, and True if the robot must drive straight between them.
-
-    Raises:
-        RefusedError: the path has no poses, or more than `MAX_POSES`.
-    """
+    """Return the poses of a path, and True if the robot must drive straight between them."""
     strict = all(segment.optimal == navigation_pb2.PlanPath.kStrict for segment in path.plan_path)
     route: list[Pose] = []
     for segment in path.plan_path:
@@ -203,9 +196,6 @@ def _put(chassis: Chassis, request: RepeatTask) -> Message:
     """Add a predefined task set, or replace the one with the same id; return the stored set.
 
     A set with the id 0 is added with the first free id from the robot's Unix time on.
-
-    Raises:
-        RefusedError: there are too many sets, or the tasks or `times` cannot be used.
     """
     sets = {each.task_set.base.id: each for each in chassis.scene.predefined.repeat_tasks}
     kept = copy_of(request)
@@ -254,11 +244,7 @@ def _check_size(request: Message) -> None:
 
 
 def _checked_set(chassis: Chassis, given: WooshTaskSet) -> WooshTaskSet:
-    """Return a checked copy of a task set. It has ids where `given` has none.
-
-    Raises:
-        RefusedError: the set or one of its tasks is invalid.
-    """
+    """Return a checked copy of a task set. It has ids where `given` has none."""
     task_set = copy_of(given)
     task_set.base.id = task_set.base.id or int(chassis.time)
     _number_and_check_tasks(chassis, task_set)
@@ -275,12 +261,7 @@ def _predefined(chassis: Chassis, id_: int) -> RepeatTask:
 
 
 def _number_and_check_tasks(chassis: Chassis, task_set: WooshTaskSet) -> None:
-    """Check a task set and its tasks, and number the tasks if none of them has an id.
-
-    Raises:
-        RefusedError: there are no or too many tasks, an id is invalid or used twice, a mark is
-            unknown or does not suit the type of its task, or the scene has no actions for a task.
-    """
+    """Check a task set and its tasks, and number the tasks if none of them has an id."""
     tasks = task_set.tasks
     if task_set.base.id < 0:
         raise RefusedError(f"task set id {task_set.base.id} is negative: give a positive one, or 0")
@@ -312,11 +293,7 @@ def _require_suitable(mark: Mark, kind: util_task_pb2.Type) -> None:
 
 
 def _checked_times(times: int) -> int:
-    """Return how often to run a task set; 0 in a request stands for once.
-
-    Raises:
-        RefusedError: the number is negative or too large.
-    """
+    """Return how often to run a task set; 0 in a request stands for once."""
     if not 0 <= times <= _MAX_REPEATS:
         raise RefusedError(f"{times} repetitions are not within 0 to {_MAX_REPEATS}")
     return times or 1

@@ -102,11 +102,7 @@ class ActionGroups:
 
 
 def read_action_groups(data: bytes) -> ActionGroups:
-    """Read the content of the file, ignoring unknown keys; empty content means the default table.
-
-    Raises:
-        DataFileError: the file is not such a table.
-    """
+    """Read the file, ignoring unknown keys; empty content means the default table."""
     if not data.strip():
         return default_action_groups()
     groups: dict[tuple[int, int], tuple[Action, ...]] = {}

@@ -27,11 +27,7 @@ _MAX_FILE_BYTES = 64 * 1024 * 1024
 
 
 def load_scene(path: Path) -> Scene:
-    """Read a scene from a folder, or from a YAML file: `scene.yaml`, or a map of map_server.
-
-    Raises:
-        DataFileError: a file cannot be used.
-    """
+    """Read a scene from a folder, or from a YAML file: `scene.yaml`, or a map of map_server."""
     try:
         if (path / SCENE_INDEX).is_file():
             return read_robot_scene(path.resolve().name, read_robot_folder(path))
@@ -58,9 +54,6 @@ def read_robot_folder(folder: Path) -> dict[str, bytes]:
     """Return the files in a robot's folder of a scene, by path as the robot names them.
 
     Hidden entries of the folder, and the folders that `maps download` adds, are left out.
-
-    Raises:
-        DataFileError: a file cannot be read.
     """
     maps = map_names(_read_file(folder / SCENE_INDEX))
     files: dict[str, bytes] = {}
@@ -84,9 +77,6 @@ def read_handwritten_scene(name: str, names: Collection[str], read: FileReader) 
         name: name of the scene, unless `scene.yaml` has one.
         names: names of the files.
         read: reads one of the files.
-
-    Raises:
-        DataFileError: a file cannot be used.
     """
     if SCENE_FILE in names:
         return read_scene_yaml(name, read)
@@ -118,9 +108,6 @@ def known_scenes(given: Iterable[Path] = ()) -> tuple[dict[str, Scene], Scene]:
     Args:
         given: folders or YAML files of further scenes. They replace shipped scenes of the same
             name. The robot starts in the first of these scenes, if there are any.
-
-    Raises:
-        DataFileError: a file cannot be used, or two of the given scenes have the same name.
     """
     shipped = [_load(path) for path in _SHIPPED]
     own: dict[str, Scene] = {}
@@ -157,9 +144,6 @@ def _load(path: Path) -> Scene:
     """Return a scene that a robot can change without effect on the scenes of other robots.
 
     All robots share the shipped maps, so that the planner of each map is computed only once.
-
-    Raises:
-        DataFileError: the scene cannot be used; the text has the path of the scene or file.
     """
     try:
         scene = _load_shipped(path) if path in _SHIPPED else load_scene(path)

@@ -68,9 +68,6 @@ def read_grid(name: str, content: Any, read: Callable[[str], bytes]) -> Grid:
         content: content of the YAML file. Unknown keys are ignored, as by map_server.
         read: returns the content of the picture, whose path is relative to the YAML file's folder,
             or raises `DataFileError`.
-
-    Raises:
-        DataFileError: the YAML file or the picture is invalid.
     """
     description = structure(_Description, content, name, known_only=False)
     picture = str(PurePosixPath(name).parent / description.image)
@@ -87,9 +84,6 @@ def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
         name: path of the picture, for errors.
         data: the picture, in which keep-out areas are dark, as in the masks of nav2.
         grid: the grid of the map, with one cell for each pixel of the picture.
-
-    Raises:
-        DataFileError: the picture cannot be read, or has another size than the grid.
     """
     # The picture has no YAML file, so the thresholds are the defaults of map_server.
     description = _Description(name, grid.resolution, _Origin(*grid.low, 0.0))
@@ -110,9 +104,6 @@ def read_pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
     Args:
         name: path of the picture, for errors.
         data: content of the file.
-
-    Raises:
-        DataFileError: the picture cannot be read, or is too large.
     """
     try:
         image: Image.Image = Image.open(io.BytesIO(data), formats=("PNG", "PPM"))

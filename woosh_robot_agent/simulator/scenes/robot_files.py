@@ -113,9 +113,6 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
         files: all files of the scene, by path; the index must be among them.
         old: the scene before a change; None for a new scene. A map whose pictures have not changed
             keeps its walls and its grid: read from pictures, it would have a grid only.
-
-    Raises:
-        DataFileError: a file cannot be used.
     """
     entries = _index(files[SCENE_INDEX]).maps
     check_unique([each.source for each in entries], "name", [each.name for each in entries])
@@ -139,11 +136,7 @@ def read_robot_scene(name: str, files: Mapping[str, bytes], old: Scene | None = 
 
 
 def map_names(index: bytes) -> list[str]:
-    """Return the names of the maps in the index of a scene, which are also names of folders.
-
-    Raises:
-        DataFileError: the index cannot be used.
-    """
+    """Return the names of the maps in the index of a scene, which are also names of folders."""
     return [each.name for each in _index(index).maps]
 
 
@@ -167,11 +160,7 @@ def _map(entry: _MapEntry, files: Mapping[str, bytes]) -> Map:
 
 
 def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
-    """Read the cells of the map called `name` from the files of its scene, without keep-out areas.
-
-    Raises:
-        DataFileError: a file is missing, or cannot be used.
-    """
+    """Read the cells of the map called `name` from the files of its scene, without keep-out."""
     path = f"{name}/{MAP_FILE}"
 
     def read(file: str) -> bytes:
@@ -187,11 +176,7 @@ def read_map_picture(name: str, files: Mapping[str, bytes]) -> Grid:
 
 
 def read_map_keepout(name: str, files: Mapping[str, bytes], grid: Grid) -> KeepOut | None:
-    """Read the keep-out cells of the map called `name`; None if their file is missing or empty.
-
-    Raises:
-        DataFileError: the file cannot be used.
-    """
+    """Read the keep-out cells of the map called `name`; None if their file is missing or empty."""
     # As in `read_map_picture`: numpy, scipy and Pillow load slowly.
     from woosh_robot_agent.simulator.scenes.map_server import read_keepout
 
@@ -215,32 +200,20 @@ def _with_marks(entry: _MapEntry, files: Mapping[str, bytes], area: Map) -> Map:
 
 
 def check_unused_files(name: str, files: Mapping[str, bytes]) -> None:
-    """Check the files of a map that the robot does not use, but sends in SceneData.
-
-    Raises:
-        DataFileError: a file is not a serialised message of its type.
-    """
+    """Check the files of a map that the robot does not use, but sends in SceneData."""
     _read_message(f"{name}/{NAV_AREA}", files, field_pb2.FieldInfo)
     _read_message(f"{name}/{PATH_INFO}", files, path_pb2.PathInfo)
 
 
 def check_pixels(where: str, maps: Iterable[Map]) -> None:
-    """Check the pixels of all maps read so far; `where` is the last map's place, for errors.
-
-    Raises:
-        DataFileError: there are too many pixels.
-    """
+    """Refuse too many pixels of all maps so far; `where` is the last map's place, for errors."""
     if sum(each.grid.cells.size for each in maps if each.grid) > _MAX_PIXELS:
         text = f"the pictures of the scene have more than {_MAX_PIXELS} pixels in total"
         raise DataFileError(f"{where}: {text}")
 
 
 def check_sides(where: str, low: Sequence[float], high: Sequence[float]) -> None:
-    """Check the size of a map from its corners; `where` is its place in the file, for errors.
-
-    Raises:
-        DataFileError: the map is empty or too large.
-    """
+    """Refuse an empty or too large map, by its corners; `where` is its place, for errors."""
     for least, most in zip(low, high, strict=True):
         if not 0.0 < most - least <= _MAX_SIDE:
             text = f"a side of {most - least:g} m is not within 0 to {_MAX_SIDE:g} m"
@@ -252,9 +225,6 @@ def check_unique(places: Sequence[str], key: str, values: Sequence[Hashable]) ->
 
     Args:
         places: place of each value in the file, for the error.
-
-    Raises:
-        DataFileError: two entries have the same value.
     """
     seen = set()
     for where, value in zip(places, values, strict=True):
@@ -268,11 +238,7 @@ _M = TypeVar("_M", bound=Message)
 
 
 def read_task_info(files: Mapping[str, bytes]) -> woosh_task_pb2.TaskInfo:
-    """Read the task sets of a scene from its files.
-
-    Raises:
-        DataFileError: the file cannot be used.
-    """
+    """Read the task sets of a scene from its files."""
     info = _read_message(TASK_INFO, files, woosh_task_pb2.TaskInfo)
     counts = [len(info.repeat_tasks), len(info.call_tasks)]
     counts += [len(each.task_set.tasks) for each in info.repeat_tasks]
@@ -283,11 +249,7 @@ def read_task_info(files: Mapping[str, bytes]) -> woosh_task_pb2.TaskInfo:
 
 
 def read_mark_info(name: str, files: Mapping[str, bytes]) -> mark_pb2.MarkInfo:
-    """Read the marks of the map called `name` from the files of its scene.
-
-    Raises:
-        DataFileError: the file cannot be used.
-    """
+    """Read the marks of the map called `name` from the files of its scene."""
     path = f"{name}/{MARK_INFO}"
     info = _read_message(path, files, mark_pb2.MarkInfo)
     if len(info.storages) > MAX_MARKS:
@@ -307,11 +269,7 @@ def read_mark_info(name: str, files: Mapping[str, bytes]) -> mark_pb2.MarkInfo:
 
 
 def _read_message(path: str, files: Mapping[str, bytes], cls: type[_M]) -> _M:
-    """Read a serialised message; the message is empty if the file is empty or missing.
-
-    Raises:
-        DataFileError: the file is not a message of this class.
-    """
+    """Read a serialised message; the message is empty if the file is empty or missing."""
     try:
         return cls.FromString(files.get(path, b""))
     except DecodeError as error:

@@ -184,12 +184,6 @@ def with_map_renamed(scene: Scene, area: Map, name: str) -> Scene:
     return replace(with_map_changed(scene, area, newer), start_map=start_map)
 
 
-def with_marks(scene: Scene, area: Map, marks: Iterable[Mark]) -> Scene:
-    """Return a scene in which one map has other marks."""
-    numbered = {mark.number: mark for mark in marks}
-    return with_map_changed(scene, area, replace(area, version=area.version + 1, marks=numbered))
-
-
 def free_id(taken: Iterable[int]) -> int:
     """Return the highest id plus 1, or the first free id if the highest one is `_MAX_ID`."""
     ids = set(taken)

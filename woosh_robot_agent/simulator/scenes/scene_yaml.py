@@ -221,9 +221,6 @@ def read_scene_yaml(name: str, read: FileReader) -> Scene:
     Args:
         name: name of the scene, unless `scene.yaml` has one.
         read: reads `scene.yaml` and the files that it names.
-
-    Raises:
-        DataFileError: a file cannot be used.
     """
     entry = structure(SceneEntry, load_yaml(SCENE_FILE, read(SCENE_FILE)), SCENE_FILE)
     return _scene(entry, entry.name or name, read)
@@ -235,9 +232,6 @@ def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
     Args:
         names: names of the files.
         read: reads one of the files.
-
-    Raises:
-        DataFileError: a file cannot be used.
     """
     maps: list[Map] = []
     for file in sorted(names):
@@ -256,11 +250,7 @@ def read_maps(names: Collection[str], read: FileReader) -> list[Map]:
 
 
 def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
-    """Return the scene called `name` from the content of `scene.yaml`.
-
-    Raises:
-        DataFileError: a map or a file that it names cannot be used, or entries do not fit together.
-    """
+    """Return the scene called `name` from the content of `scene.yaml`."""
     maps: list[Map] = []
     # Ids start from 1, because robots report the map id 0 with a pose that belongs to no map.
     given = [each.id for each in entry.maps]
@@ -291,11 +281,7 @@ def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
 
 
 def _map(entry: MapEntry, id_: int, read: FileReader) -> Map:
-    """Return the map that an entry describes, with the id `id_`; `read` reads its image.
-
-    Raises:
-        DataFileError: the walls, the marks, the image or the size of the map cannot be used.
-    """
+    """Return the map that an entry describes, with the id `id_`; `read` reads its image."""
     walls = tuple(_walls(entry))
     if len(walls) > _MAX_WALLS:  # a polyline has several walls
         text = f"{len(walls)} walls are more than {_MAX_WALLS}"
@@ -336,11 +322,7 @@ def _grid(name: str, read: FileReader) -> Grid:
 
 
 def _walls(entry: MapEntry) -> Iterator[Wall]:
-    """Yield the walls of a map: one for each section of its polylines.
-
-    Raises:
-        DataFileError: a polyline does not have pairs of coordinates.
-    """
+    """Yield the walls of a map: one for each section of its polylines."""
     for number, line in enumerate(entry.walls):
         if len(line) < 4 or len(line) % 2:
             text = "must be [x1, y1, x2, y2], or more corners in pairs of x and y"
@@ -368,11 +350,7 @@ def _marks(entry: MapEntry) -> dict[str, Mark]:
 
 
 def _call_task(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.CallTask:
-    """Return a task set for a call button.
-
-    Raises:
-        DataFileError: the button is missing, or a mark is unknown.
-    """
+    """Return a task set for a call button."""
     if entry.button is None:
         raise DataFileError(f"{entry.source}: button is missing")
     caller = _CallInfo.Caller(mac_addr=entry.button.mac, key_id=entry.button.key)
@@ -383,11 +361,7 @@ def _call_task(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.Ca
 
 
 def _task_set(entry: TaskSetEntry, marks: Collection[str]) -> woosh_task_pb2.WooshTaskSet:
-    """Return a task set, whose tasks are numbered from 1; `marks` has the numbers of all marks.
-
-    Raises:
-        DataFileError: a mark is unknown.
-    """
+    """Return a task set, whose tasks are numbered from 1; `marks` has the numbers of all marks."""
     tasks = []
     for number, step in enumerate(entry.steps, start=1):
         if step.mark not in marks:

@@ -19,8 +19,13 @@ from woosh_robot_agent.link.server import ConnectedClient, Encoded, ServerTransp
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS, Answer, dispatch, refusal_answer
-from woosh_robot_agent.simulator.protocol.handlers import QUERIES
+from woosh_robot_agent.simulator.protocol.handlers import (
+    HANDLERS,
+    QUERIES,
+    Answer,
+    dispatch,
+    refusal_answer,
+)
 from woosh_robot_agent.simulator.protocol.reports import TOPICS, StateWatch
 
 Damage = Callable[[Codec, str | bytes], Encoded]
@@ -249,10 +254,8 @@ class MessageHandler:
         self.frozen = False
         self._chassis = chassis
         self._max_waiting = max_waiting
-        self._received_sizes: deque[int] = deque()
-        """Size of each message in `received`, in bytes."""
         self._received_bytes = 0
-        """Sum of the sizes in `_received_sizes`, in bytes."""
+        """Size of all messages in `received`, in bytes."""
         self._watch = StateWatch(chassis)
         """Detects changes of the states to which clients have subscribed."""
         self._arrival = asyncio.Event()
@@ -455,11 +458,9 @@ class MessageHandler:
         """Count and keep a message of a client, and wake every `wait_received`."""
         self.counts[type_name] += 1
         self.received.append(Received(type_name, message))
-        self._received_sizes.append(message.ByteSize())
-        self._received_bytes += self._received_sizes[-1]
+        self._received_bytes += message.ByteSize()
         while len(self.received) > _MAX_RECEIVED or self._received_bytes > _MAX_RECEIVED_BYTES:
-            self.received.popleft()
-            self._received_bytes -= self._received_sizes.popleft()
+            self._received_bytes -= self.received.popleft().message.ByteSize()
         self._arrival.set()
         self._arrival = asyncio.Event()
 

@@ -9,7 +9,6 @@ POST /woosh/robot/PoseSpeed        the full name of the request's type, with sla
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from http import HTTPStatus
 from typing import Any
 
@@ -19,11 +18,11 @@ from google.protobuf.message import Message
 from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.frames import Envelope, FrameError, clip_type_name
 from woosh_robot_agent.link.protos import message_type
-from woosh_robot_agent.link.server import HttpConnection
+from woosh_robot_agent.link.server import HttpConnection, HttpServerTransport
 from woosh_robot_agent.link.tasks import abort_transport, run_with_timeout
-from woosh_robot_agent.link.transport import TransportClosedError, peer_address
+from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.simulator.config import SimulatorConfig
-from woosh_robot_agent.simulator.protocol.dispatch import HANDLERS
+from woosh_robot_agent.simulator.protocol.handlers import HANDLERS
 from woosh_robot_agent.simulator.serving.exchange import Client, MessageHandler, Request
 
 _BODY_TIMEOUT = 60.0
@@ -57,28 +56,23 @@ class _HttpCodec(JsonCodec):
 _CODEC = _HttpCodec(defaults=True)  # writes fields with default values too, as the chassis does
 
 
-class HttpTransport:
+class HttpTransport(HttpServerTransport):
     """A `ServerTransport` for one HTTP call. Its only frame is the body of the response.
 
     Args:
         status: status of the response.
 
     Attributes:
-        peer: address of the client.
         response: done when the response is known. If `send_raw` has already written it, an empty
             one, which goes nowhere.
     """
 
     def __init__(self, connection: HttpConnection, status: HTTPStatus) -> None:
-        self.peer = peer_address(connection.transport)
+        super().__init__(connection)
         self.response: asyncio.Future[web.Response] = asyncio.get_running_loop().create_future()
-        self._connection = connection
         self._status = status
         self._left = 0
         """Number of bytes of a raw response that have not been written; set by `header`."""
-
-    def backlog(self) -> int:
-        return self._connection.transport.get_write_buffer_size()
 
     async def send(self, data: str | bytes) -> None:
         body = data.encode() if isinstance(data, str) else data
@@ -93,7 +87,7 @@ class HttpTransport:
         return head
 
     async def send_raw(self, data: bytes) -> None:
-        await self._connection.write(data)
+        await super().send_raw(data)
         self._left -= len(data)
         if self._left <= 0:
             self._connection.transport.close()
@@ -105,15 +99,6 @@ class HttpTransport:
     async def close(self, timeout: float = 1.0) -> None:
         self.abort()
 
-    def abort(self) -> None:
-        abort_transport(self._connection.transport)
-
-    def pause(self) -> None:
-        self._connection.transport.pause_reading()
-
-    def resume(self) -> None:
-        self._connection.transport.resume_reading()
-
     def _respond(self, response: web.Response) -> None:
         if not self.response.done():  # a fault may send an answer twice
             self.response.set_result(response)
@@ -123,21 +108,21 @@ class HttpCalls:
     """Answers HTTP requests, by the same handlers as requests over a WebSocket.
 
     Args:
-        wait_readable: waits while the connections are paused.
-        writable: set while frames are sent, i.e. neither paused nor frozen.
+        reading: set while frames are read, i.e. unless the connections are paused.
+        writing: set while frames are sent, i.e. neither paused nor frozen.
     """
 
     def __init__(
         self,
         handler: MessageHandler,
         config: SimulatorConfig,
-        wait_readable: Callable[[], Awaitable[object]],
-        writable: asyncio.Event,
+        reading: asyncio.Event,
+        writing: asyncio.Event,
     ) -> None:
         self._handler = handler
         self._config = config
-        self._wait_readable = wait_readable
-        self._writable = writable
+        self._reading = reading
+        self._writing = writing
         self._arriving = 0
         """Number of requests whose bodies are still arriving."""
 
@@ -145,7 +130,7 @@ class HttpCalls:
         self, request: web.BaseRequest, connection: HttpConnection
     ) -> web.StreamResponse:
         """Answer an HTTP request: execute a POST, and describe the server in answer to a GET."""
-        await self._wait_readable()
+        await self._reading.wait()
         if request.method in ("GET", "HEAD"):
             about = _ABOUT.format(robot=self._config.robot_id, host=request.host)
             return web.Response(text=about)
@@ -169,7 +154,7 @@ class HttpCalls:
         if data is None:
             text = f"the body has more than {self._config.max_frame} bytes"
             return _refusal(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text)
-        await self._wait_readable()
+        await self._reading.wait()
         name = clip_type_name(request.path.strip("/").replace("/", "."))
         return await self._execute(connection, name, data)
 
@@ -200,7 +185,7 @@ class HttpCalls:
         transport = HttpTransport(connection, status)
         client = Client(transport, self._config.max_outbox)
         handler.join(client)
-        writing = asyncio.ensure_future(client.write(self._writable))
+        writing = asyncio.ensure_future(client.write(self._writing))
         ends: set[asyncio.Future[Any]] = {transport.response, connection.lost}
         try:
             handler.submit(Request(client, _CODEC, name, 0, message, reason))

@@ -17,6 +17,7 @@ from woosh_robot_agent.link.server import (
     serve_websocket,
 )
 from woosh_robot_agent.link.transport import TransportClosedError
+from woosh_robot_agent.pb.device import device_pb2
 from woosh_robot_agent.simulator.chassis import TIME_STEP, Chassis
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.serving.exchange import Client, Hooks, MessageHandler
@@ -46,137 +47,17 @@ _MAX_LAG = 10.0
 """Maximum lag of the simulation that is caught up, in seconds of real time. The rest is skipped."""
 
 
-class Ports:
-    """The WebSocket and HTTP port, and the TCP port. They can be closed, and opened again.
-
-    Attributes:
-        port: port of WebSocket and HTTP; 0 before `listen` if any free port may be used.
-        tcp_port: TCP port; likewise.
-    """
-
-    def __init__(self, server: Server) -> None:
-        self._config = server.config
-        self.port = self._config.port
-        self.tcp_port = self._config.tcp_port
-        self._server = server
-        self._listeners: list[Listener] = []
-        """Listeners of both ports, empty while they are closed."""
-        self._reserved: list[socket.socket] = []
-        """Sockets that keep the ports reserved while they are closed."""
-        self._changing = asyncio.Lock()
-        """Held while the ports are opened or closed."""
-        self._last_change: asyncio.Task[None] | None = None
-        """The last task of `set_listening`."""
-
-    async def listen(self) -> None:
-        """Start listening, unless the ports are open already.
-
-        Raises:
-            OSError: a port is in use.
-        """
-        async with self._changing:
-            if not self._listeners:
-                await self._open()
-
-    async def close(self, *, reserve: bool) -> None:
-        """Stop listening.
-
-        Args:
-            reserve: True to keep the ports reserved, so that no other program can take them.
-        """
-        async with self._changing:
-            await self._close(reserve)
-
-    def drop(self) -> None:
-        """Abort all connections of the WebSocket port, also those between two HTTP requests."""
-        for listener in self._listeners:
-            listener.drop()
-
-    def set_listening(self, on: bool) -> None:
-        """Start or stop listening in the background, after earlier changes. Failures are logged."""
-        previous = self._last_change
-
-        async def change() -> None:
-            if previous:
-                await asyncio.wait({previous})
-            try:
-                await (self.listen() if on else self.close(reserve=True))
-            except OSError as error:
-                _LOG.error("cannot listen again on %s: %s", self._config.host, error)
-
-        self._last_change = asyncio.ensure_future(change())
-
-    async def settle(self) -> None:
-        """Wait until the last `set_listening` has taken effect."""
-        if self._last_change:
-            await asyncio.wait({self._last_change})
-
-    async def _open(self) -> None:
-        """Listen on both ports, or on none.
-
-        Raises:
-            OSError: a port is in use.
-        """
-        config, server = self._config, self._server
-        try:
-            websocket = await serve_websocket(
-                server._serve,
-                config.host,
-                self.port,
-                max_size=config.max_frame,
-                before_handshake=server._wait_readable,
-                respond=server._http_calls.respond,
-                # Otherwise a browser on this machine would let any web page connect.
-                local_pages_only=config.local,
-            )
-            self._listeners.append(websocket)
-            tcp = await serve_tcp(
-                server._serve, config.host, self.tcp_port, max_size=config.max_frame
-            )
-            self._listeners.append(tcp)
-        except OSError:
-            await self._close(reserve=False)
-            raise
-        self.port, self.tcp_port = websocket.port, tcp.port
-        self._free_reserved()  # not before: another program could have taken the ports
-
-    async def _close(self, reserve: bool) -> None:
-        """Stop listening, and reserve the ports or free them."""
-        listeners, self._listeners = self._listeners, []
-        await asyncio.gather(*(listener.close() for listener in listeners))
-        if listeners or not reserve:  # otherwise the ports are reserved already
-            self._free_reserved()
-        for listener in listeners if reserve else ():
-            for family, address in listener.addresses:
-                self._reserve(family, address)
-
-    def _reserve(self, family: int, address: tuple[str, int]) -> None:
-        """Bind a port without listening, so that connections to it are refused.
-
-        Otherwise the kernel might assign it to another program, or to the local end of a client's
-        connection.
-        """
-        reserved = socket.socket(family)
-        self._reserved.append(reserved)
-        reserved.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if family == socket.AF_INET6:
-            reserved.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        with contextlib.suppress(OSError):  # already taken: listening again will report it
-            reserved.bind(address)
-
-    def _free_reserved(self) -> None:
-        for reserved in self._reserved:
-            reserved.close()
-        self._reserved.clear()
-
-
 class Server:
     """A robot on a WebSocket and a TCP port, running in the current event loop.
+
+    Its ports can be closed, and opened again.
 
     Args:
         config: the options; None for the defaults.
 
     Attributes:
+        port: port of WebSocket and HTTP. If any free port may be used, it is valid once started.
+        tcp_port: TCP port; likewise.
         chassis: the model of the robot.
         speed: simulated seconds per real second, above 0. It can be changed at any time.
     """
@@ -186,7 +67,15 @@ class Server:
         self.chassis = Chassis(self.config)
         self.speed = self.config.speed
         self._handler = MessageHandler(self.chassis, self.config.max_waiting)
-        self._ports = Ports(self)
+        self.port, self.tcp_port = self.config.port, self.config.tcp_port
+        self._listeners: list[Listener] = []
+        """Listeners of both ports, empty while they are closed."""
+        self._reserved: list[socket.socket] = []
+        """Sockets that keep the ports reserved while they are closed."""
+        self._changing = asyncio.Lock()
+        """Held while the ports are opened or closed."""
+        self._last_change: asyncio.Task[None] | None = None
+        """The last task of `set_listening`."""
         self._paused = False
         """True if frames are neither read nor sent."""
         self._full = False
@@ -197,23 +86,13 @@ class Server:
         """Set while frames are sent."""
         self._client_left = asyncio.Event()
         """Set when a client has disconnected; cleared by `wait_disconnected`."""
-        self._http_calls = HttpCalls(self._handler, self.config, self._wait_readable, self._writing)
+        self._http_calls = HttpCalls(self._handler, self.config, self._reading, self._writing)
         self._ticker: asyncio.Task[None] | None = None
         """Task that advances the simulated time, None before the start."""
         self._step_start = 0.0
         """Time of the event loop at which the current simulation step began, in seconds."""
         self.chassis.on_schedule = self._wake_for
         self._handler.before_request = self._catch_up
-
-    @property
-    def port(self) -> int:
-        """Port of WebSocket and HTTP. If any free port may be used, it is valid once started."""
-        return self._ports.port
-
-    @property
-    def tcp_port(self) -> int:
-        """TCP port. If any free port may be used, it is valid once started."""
-        return self._ports.tcp_port
 
     @property
     def connections(self) -> int:
@@ -226,32 +105,49 @@ class Server:
         return self._handler.hooks
 
     async def listen(self) -> None:
-        """Start listening. A second call uses the same ports as the first one.
+        """Start listening, on the same ports as before, unless the ports are open already.
 
         Raises:
             OSError: a port is in use.
         """
-        await self._ports.listen()
+        async with self._changing:
+            if not self._listeners:
+                await self._open()
 
     async def stop_listening(self) -> None:
         """Drop all clients and refuse new ones. The simulated time goes on."""
         self.drop()
-        await self._ports.close(reserve=True)
+        await self._close(reserve=True)
+
+    def set_listening(self, on: bool) -> None:
+        """Listen again on the same ports, or drop all clients and refuse new ones.
+
+        The ports change in the background, after earlier changes. Failures are logged.
+        """
+        if not on:
+            self.drop()
+        previous = self._last_change
+
+        async def change() -> None:
+            if previous:
+                await asyncio.wait({previous})
+            try:
+                await (self.listen() if on else self._close(reserve=True))
+            except OSError as error:
+                _LOG.error("cannot listen again on %s: %s", self.config.host, error)
+
+        self._last_change = asyncio.ensure_future(change())
 
     async def settle(self) -> None:
         """Wait until the last `set_listening` has taken effect, which the fault `off` calls."""
-        await self._ports.settle()
+        if self._last_change:
+            await asyncio.wait({self._last_change})
 
     def drop(self) -> None:
-        """Abort all connections, as a broken cable would."""
+        """Abort all connections, as a broken cable would, also those between two HTTP requests."""
         self._drop_clients()
-        self._ports.drop()
-
-    def set_listening(self, on: bool) -> None:
-        """Listen again on the same ports, or drop all clients and refuse new ones."""
-        if not on:
-            self.drop()
-        self._ports.set_listening(on)
+        for listener in self._listeners:
+            listener.drop()
 
     def pause_connections(self, paused: bool) -> None:
         """Stop reading and writing without closing the connections (True), or continue (False)."""
@@ -289,7 +185,8 @@ class Server:
 
     def hold_remote_keys(self, keys: int, address: int = 1) -> None:
         """Hold down keys of a radio remote controller: one bit each, 0 to release all."""
-        self.chassis.hold_remote_keys(keys, address)
+        controller = device_pb2.RfRemoteController(address=address, keys=keys)
+        self.chassis.remote_controller = controller
         self.push_changes()
 
     def lose_localisation(self) -> None:
@@ -316,9 +213,72 @@ class Server:
         """Largest number of frames that wait for one client."""
         return max((client.backlog for client in self._handler.clients), default=0)
 
-    async def _wait_readable(self) -> None:
-        """Wait while the connections are paused."""
-        await self._reading.wait()
+    async def _open(self) -> None:
+        """Listen on both ports, or on none.
+
+        Raises:
+            OSError: a port is in use.
+        """
+        config = self.config
+        try:
+            websocket = await serve_websocket(
+                self._serve,
+                config.host,
+                self.port,
+                max_size=config.max_frame,
+                before_handshake=self._reading.wait,
+                respond=self._http_calls.respond,
+                # Otherwise a browser on this machine would let any web page connect.
+                local_pages_only=config.local,
+            )
+            self._listeners.append(websocket)
+            tcp = await serve_tcp(
+                self._serve, config.host, self.tcp_port, max_size=config.max_frame
+            )
+            self._listeners.append(tcp)
+        except OSError:
+            await self._close_ports(reserve=False)
+            raise
+        self.port, self.tcp_port = websocket.port, tcp.port
+        self._free_reserved()  # not before: another program could have taken the ports
+
+    async def _close(self, *, reserve: bool) -> None:
+        """Stop listening.
+
+        Args:
+            reserve: True to keep the ports reserved, so that no other program can take them.
+        """
+        async with self._changing:
+            await self._close_ports(reserve)
+
+    async def _close_ports(self, reserve: bool) -> None:
+        """Do the work of `_close`, while `_changing` is held."""
+        listeners, self._listeners = self._listeners, []
+        await asyncio.gather(*(listener.close() for listener in listeners))
+        if listeners or not reserve:  # otherwise the ports are reserved already
+            self._free_reserved()
+        for listener in listeners if reserve else ():
+            for family, address in listener.addresses:
+                self._reserve(family, address)
+
+    def _reserve(self, family: int, address: tuple[str, int]) -> None:
+        """Bind a port without listening, so that connections to it are refused.
+
+        Otherwise the kernel might assign it to another program, or to the local end of a client's
+        connection.
+        """
+        reserved = socket.socket(family)
+        self._reserved.append(reserved)
+        reserved.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            reserved.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        with contextlib.suppress(OSError):  # already taken: listening again will report it
+            reserved.bind(address)
+
+    def _free_reserved(self) -> None:
+        for reserved in self._reserved:
+            reserved.close()
+        self._reserved.clear()
 
     async def _serve(self, transport: ServerTransport) -> None:
         """Serve a new connection until it ends."""

@@ -153,8 +153,16 @@ class Hull:
 
         It is infinite if no wall is within `radius` of the centre.
         """
-        near = (wall for wall in walls if wall.distance(pose.x, pose.y) <= self.radius)
-        return min((self._wall_gap(pose, wall) for wall in near), default=math.inf)
+        x, y, radius = pose.x, pose.y, self.radius
+        gaps = (
+            self._wall_gap(pose, wall)
+            for wall in walls
+            # the first two conditions exclude most walls quickly
+            if min(wall.x1, wall.x2) - radius <= x <= max(wall.x1, wall.x2) + radius
+            and min(wall.y1, wall.y2) - radius <= y <= max(wall.y1, wall.y2) + radius
+            and wall.distance(x, y) <= radius
+        )
+        return min(gaps, default=math.inf)
 
     def _wall_gap(self, pose: Pose, wall: Wall) -> float:
         """Return the gap between the outline at `pose` and a wall, in metres.

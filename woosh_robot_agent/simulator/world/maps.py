@@ -1,10 +1,11 @@
-"""Maps with walls, marks and occupancy grids."""
+"""Maps with walls, marks and occupancy grids; and obstacles, which are on no map."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from woosh_robot_agent.pb.map import mark_pb2
@@ -84,7 +85,7 @@ class Map:
     def clearance(self, x: float, y: float) -> float:
         """Return the distance from (x, y) to the nearest wall or occupied cell, in metres.
 
-        It is infinite if there is none, and may be too large by `clearance_error`.
+        It is infinite if there is none, and exact to within a cell.
         """
         nearest = min((wall.distance(x, y) for wall in self.walls), default=math.inf)
         return min(nearest, self.grid.clearance(x, y)) if self.grid else nearest
@@ -93,11 +94,6 @@ class Map:
         """Return True if another map has the same area and walls and the same `Grid` object."""
         mine, others = (self.low, self.high, self.walls), (other.low, other.high, other.walls)
         return mine == others and self.grid is other.grid
-
-    @property
-    def clearance_error(self) -> float:
-        """Maximum error by which `clearance` may be too large, in metres."""
-        return self.grid.resolution if self.grid else 0.0
 
     def gap(self, hull: Hull, pose: Pose) -> float:
         """Return the gap in metres between an outline at `pose` and walls and occupied cells.
@@ -112,3 +108,54 @@ class Map:
         if not (self.low[0] <= x <= self.high[0] and self.low[1] <= y <= self.high[1]):
             return False
         return self.grid is None or self.grid.known(x, y)
+
+
+_CORNERS = 12
+"""Number of corners of the polygon that stands for a round obstacle."""
+
+
+class Obstacles:
+    """Obstacles that are not in the map. The laser sees them, and the base cannot pass them.
+
+    Each obstacle is a regular polygon with its corners on a circle. Positions are in the map's
+    frame, and do not change when the robot switches to another map.
+    """
+
+    def __init__(self) -> None:
+        self._sides: dict[str, tuple[Wall, ...]] = {}
+        """Sides of each obstacle, by name."""
+
+    def put(self, name: str, x: float, y: float, radius: float = 0.3) -> None:
+        """Add an obstacle, or move and resize the obstacle of the same name.
+
+        Its corners are on the circle with the centre (x, y) and this radius, in metres.
+
+        Raises:
+            ValueError: a number is not finite, or the radius is not positive.
+        """
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise ValueError(f"obstacle {name}: position ({x}, {y}) is not finite")
+        if not 0.0 < radius < math.inf:
+            raise ValueError(f"obstacle {name}: radius {radius} m is not a positive number")
+        angles = [math.tau * corner / _CORNERS for corner in range(_CORNERS)]
+        corners = [(x + radius * math.cos(angle), y + radius * math.sin(angle)) for angle in angles]
+        sides = pairwise((*corners, corners[0]))
+        self._sides[name] = tuple(Wall(*start, *end) for start, end in sides)
+
+    def remove(self, name: str) -> None:
+        """Remove an obstacle; raise KeyError if there is none of this name."""
+        del self._sides[name]
+
+    def clear(self) -> None:
+        """Remove all obstacles."""
+        self._sides.clear()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all obstacles, in the order in which they were added."""
+        return tuple(self._sides)
+
+    @property
+    def walls(self) -> tuple[Wall, ...]:
+        """Sides of all obstacles."""
+        return tuple(side for sides in self._sides.values() for side in sides)
