@@ -33,8 +33,8 @@ from tests.tooling.interface_facts import HASHES
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.ros.releases import PublisherEventCallbacks
+from woosh_robot_agent.tools.options import ToolError
 from woosh_robot_agent.tools.recording import ros_recorder
-from woosh_robot_agent.tools.recording.layout import RecordingError
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_msgs.msg import Mode
 
@@ -199,7 +199,7 @@ def has_frames(path: Path) -> bool:
     """Return True if a growing file has a frame already."""
     try:
         return bool(read_recording(path).records)
-    except RecordingError:  # not even its header is complete
+    except ToolError:  # not even its header is complete
         return False
 
 

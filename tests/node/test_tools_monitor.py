@@ -26,6 +26,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.ros.qos import latched
+from woosh_robot_agent.tools.monitor import ros_source
 from woosh_robot_agent.tools.monitor.program import main, print_once
 from woosh_robot_agent.tools.monitor.ros_source import RosSource
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
@@ -38,8 +39,8 @@ PROGRAM = [sys.executable, "-m", "woosh_robot_agent.tools", "monitor"]
 class Watching:
     """A `RosSource` in its own event loop, used from the test's thread."""
 
-    def __init__(self, domain: int, **timing: float) -> None:
-        self.source = RosSource(NAMESPACE, domain=domain, **timing)
+    def __init__(self, domain: int) -> None:
+        self.source = RosSource(NAMESPACE, domain=domain)
         self.loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
         self._thread.start()
@@ -140,9 +141,10 @@ def test_an_agent_that_hangs_is_noticed(watching, agent):
         released.set()
 
 
-def test_the_link_of_an_agent_that_started_earlier_is_shown(domain, agent, simulator):
+def test_the_link_of_an_agent_that_started_earlier_is_shown(domain, agent, simulator, monkeypatch):
     """The message on `connected` arrives before the monitor has discovered the agent."""
-    with closing(Watching(domain, discovery_period=2.0)) as watching:
+    monkeypatch.setattr(ros_source, "_DISCOVERY_PERIOD", 2.0)
+    with closing(Watching(domain)) as watching:
         watching.wait_link(lambda link: link.good and "is connected to" in link.text)
         simulator.stop_listening()
         link = watching.wait_link(lambda link: not link.good)
@@ -168,7 +170,7 @@ def test_a_node_without_the_parameters_of_an_agent_is_watched_too(watching, doma
         class_of(topic.msg, "msg"), topic.name, latched(topic.depth)
     )
     with closing(player):
-        player.start()
+        player.start(pytest.fail)
         publisher.publish(class_of(topic.msg, "msg")())
         watching.wait(lambda view: not view.is_empty, "the message")
         watching.wait_link(lambda link: link.good and "is connected to the robot" in link.detail)

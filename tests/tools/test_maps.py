@@ -38,13 +38,13 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.simulator.scenes.files import load_scene
 from woosh_robot_agent.tools.maps.program import main
 from woosh_robot_agent.tools.maps.scene_folder import (
-    MapsError,
     marks_as_yaml,
     read_marks,
     read_scene,
     to_file_name,
     write_scene,
 )
+from woosh_robot_agent.tools.options import ToolError
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -345,7 +345,7 @@ def test_different_names_have_different_file_names() -> None:
     names = ["a", "A", "a/b", "a%2Fb", "%", ".a", "%2Ea", "..", "ä", "a b", "文件"]
     assert len({to_file_name(name) for name in names}) == len(names)
     for bad in ("", "x" * 300):
-        with pytest.raises(MapsError, match="cannot be a file name"):
+        with pytest.raises(ToolError, match="cannot be a file name"):
             to_file_name(bad)
 
 
@@ -432,7 +432,7 @@ def test_marks_that_share_a_number_or_an_id_on_the_robot_may_be_kept(tmp_path):
     for index in range(3):
         file.write_bytes(marks_as_yaml(info, "m"))
         edit(file, lambda marks, at=index: marks[at].update(description="edited"))
-        with pytest.raises(MapsError, match="is used twice"):
+        with pytest.raises(ToolError, match="is used twice"):
             read_marks(file, info)
 
 

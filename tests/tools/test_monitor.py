@@ -152,7 +152,7 @@ def test_a_pose_without_a_map_is_marked():
 def test_status_codes_are_shown_newest_first_without_duplicates():
     codes = [StatusCode(code=n, time=n * 1000, msg=f"no. {n}") for n in range(1, 80)]
     view = seen(*codes[:60], RobotInfo(status_codes=StatusCodes(scs=codes[50:70])), *codes[65:])
-    assert [code.code for code in view.codes] == list(range(30, 80))
+    assert [code.code for code in view.codes.values()] == list(range(30, 80))
     text = shown(view)
     assert [int(n) for n in re.findall(r"no\. (\d+)", text)] == list(range(79, 71, -1))
 
@@ -160,10 +160,10 @@ def test_status_codes_are_shown_newest_first_without_duplicates():
 def test_status_codes_after_a_jump_of_the_clock_are_the_newest():
     codes = [StatusCode(code=n, time=10_000 + n) for n in range(50)]
     view = seen(RobotInfo(status_codes=StatusCodes(scs=codes)), StatusCode(code=77, time=5))
-    assert [code.code for code in view.codes] == [*range(1, 50), 77]
+    assert [code.code for code in view.codes.values()] == [*range(1, 50), 77]
     codes = [*codes[-3:], StatusCode(code=77, time=5), StatusCode(code=78, time=6)]
     view.update(RobotInfo(status_codes=StatusCodes(scs=codes)))  # after a reconnect
-    assert [code.code for code in view.codes] == [*range(2, 50), 77, 78]
+    assert [code.code for code in view.codes.values()] == [*range(2, 50), 77, 78]
 
 
 def test_texts_of_the_robot_cannot_control_the_terminal():

@@ -95,7 +95,7 @@ async def test_a_slow_disk_delays_nobody_and_loses_nothing(tmp_path):
     file = _SlowDisk(tmp_path / "a.mcap")
     recorder, chassis = FrameRecorder(file), direction()
     recorder.add(chassis, HEAD)
-    recorder.flush()
+    recorder.call(file.flush)
     assert await asyncio.to_thread(file.stands.wait, TIMEOUT)
     frame = wire(b"x" * 1_500_000)
     for _ in range(40):  # each is handed over at once

@@ -18,6 +18,7 @@ from websockets.frames import Opcode
 
 from tests.tools import recordings
 from tests.tools.recordings import HEAD, add_numbered, numbered
+from woosh_robot_agent.tools.options import ToolError
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
 from woosh_robot_agent.tools.recording.layout import (
     FRAMES,
@@ -25,7 +26,6 @@ from woosh_robot_agent.tools.recording.layout import (
     Event,
     Frame,
     Recording,
-    RecordingError,
 )
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.streams import (
@@ -91,7 +91,7 @@ def test_a_file_that_is_cut_off_anywhere_is_read_up_to_there(tmp_path):
         least = max((count for end, count in flushed if end <= size), default=0)
         try:
             found = read_recording(cut)
-        except RecordingError:
+        except ToolError:
             assert least == 0
             continue
         assert "has no end" in found.damage
@@ -148,7 +148,7 @@ def test_the_size_limit_ends_the_recording(tmp_path):
     found = read_recording(path)
     assert found.damage == ""
     assert 200 < len(found.records) == file.frames < 2000
-    assert (file.frames + file.lost, file.failed) == (2000, True)
+    assert (file.frames + file.lost, file.files.failed) == (2000, True)
     assert 40_000 < path.stat().st_size < 70_000  # with the index
 
 
@@ -156,18 +156,20 @@ def test_a_recording_is_split_by_size(tmp_path):
     file, told = writer(tmp_path / "a.mcap", split_size=40_000)
     add_numbered(file, 2000)
     file.close()
-    assert len(file.paths) > 2
-    assert file.paths == [tmp_path / f"a_{index}.mcap" for index in range(len(file.paths))]
-    assert all(path.stat().st_size < 60_000 for path in file.paths)  # with the index
+    assert len(file.files.paths) > 2
+    assert file.files.paths == [
+        tmp_path / f"a_{index}.mcap" for index in range(len(file.files.paths))
+    ]
+    assert all(path.stat().st_size < 60_000 for path in file.files.paths)  # with the index
     assert (told, file.frames, file.lost) == ([], 2000, 0)
-    found = read_recording(*reversed(file.paths))
+    found = read_recording(*reversed(file.files.paths))
     assert (numbers(found), found.damage) == (list(range(2000)), "")
     times = [record.t for record in found.records]
     assert times == sorted(times)
     # files that are not given are known
     assert found.missing_parts == ()
-    assert read_recording(*file.paths[2:]).missing_parts == (0, 1)
-    assert read_recording(*file.paths[:1], *file.paths[2:]).missing_parts == (1,)
+    assert read_recording(*file.files.paths[2:]).missing_parts == (0, 1)
+    assert read_recording(*file.files.paths[:1], *file.files.paths[2:]).missing_parts == (1,)
 
 
 def test_a_recording_is_split_by_time(tmp_path, monkeypatch):
@@ -178,8 +180,8 @@ def test_a_recording_is_split_by_time(tmp_path, monkeypatch):
         file.add_frame(1, "client", numbered(number), text=True)
         clock[0] += 10**9
     file.close()
-    assert [len(read_recording(path).records) for path in file.paths] == [5] * 6
-    assert [record.t for record in read_recording(*file.paths).records] == list(range(30))
+    assert [len(read_recording(path).records) for path in file.files.paths] == [5] * 6
+    assert [record.t for record in read_recording(*file.files.paths).records] == list(range(30))
 
 
 def test_an_old_file_is_flushed_less_often(tmp_path, monkeypatch):
@@ -219,9 +221,9 @@ def test_files_of_ros_topics_are_left_out_and_alone_refused(tmp_path):
     file.close()
     ros = tmp_path / "a_ros_0.mcap"  # as `record --ros` writes it
     RecordingFiles(ros, Limits(MIB), lambda _: None, pytest.fail, ROS_PROFILE).close()
-    found = read_recording(ros, *file.paths)
+    found = read_recording(ros, *file.files.paths)
     assert (numbers(found), found.missing_parts) == ([0], ())
-    with pytest.raises(RecordingError, match=r"a_ros_0\.mcap has only ROS topics: play it with"):
+    with pytest.raises(ToolError, match=r"a_ros_0\.mcap has only ROS topics: play it with"):
         read_recording(ros)
 
 
@@ -229,9 +231,9 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path):
     paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     for path in paths:
         writer(path)[0].close()
-    with pytest.raises(RecordingError, match="different recordings"):
+    with pytest.raises(ToolError, match="different recordings"):
         read_recording(*paths)
-    with pytest.raises(RecordingError, match="the same file: leave out one"):
+    with pytest.raises(ToolError, match="the same file: leave out one"):
         read_recording(paths[0], paths[0])
 
 
@@ -259,7 +261,7 @@ def mcap(version: str | None) -> bytes:
 def test_a_file_that_is_no_recording_is_refused(tmp_path, content, text):
     path = tmp_path / "a.mcap"
     path.write_bytes(content)
-    with pytest.raises(RecordingError, match=text):
+    with pytest.raises(ToolError, match=text):
         read_recording(path)
 
 

@@ -291,12 +291,12 @@ def test_every_file_of_a_split_recording_has_robot_and_map(tmp_path):
     outline.model.add(x=1.0, y=2.0)
     file = writer(tmp_path / "a.mcap", split_size=100_000)
     add_pushes(file, info, data, at, outline, Battery(power=50))
-    while "/view/map" not in topics_in(file.paths[0]):  # the map is prepared in a thread
+    while "/view/map" not in topics_in(file.files.paths[0]):  # the map is prepared in a thread
         file.flush()
     add_numbered(file, 3000)
     file.close()
-    assert len(file.paths) > 1
-    for path in file.paths[1:]:
+    assert len(file.files.paths) > 1
+    for path in file.files.paths[1:]:
         with path.open("rb") as stream:
             reader = make_reader(stream)
             assert {each.name for each in reader.iter_metadata()} == {"woosh_robot_agent", "robot"}
@@ -315,11 +315,11 @@ def test_a_map_larger_than_the_split_size_leaves_room_for_messages(tmp_path):
     file = writer(tmp_path / "a.mcap", split_size=20_000)
     add_pushes(file, data)
     # the map is prepared in a thread
-    while not any("/view/map" in topics_in(path) for path in file.paths):
+    while not any("/view/map" in topics_in(path) for path in file.files.paths):
         file.flush()
     add_numbered(file, 1000)
     file.close()
-    assert len(file.paths) < 10
+    assert len(file.files.paths) < 10
     assert file.lost == 0
 
 

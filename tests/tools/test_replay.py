@@ -18,7 +18,8 @@ from woosh_robot_agent.link import ChassisClient, LinkState, RequestTimeoutError
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak, SwitchWorkMode
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Mode, PoseSpeed, RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.tools.recording.layout import Event, Frame, Recording, RecordingError
+from woosh_robot_agent.tools.options import ToolError
+from woosh_robot_agent.tools.recording.layout import Event, Frame, Recording
 from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
 from woosh_robot_agent.tools.recording.timeline import prepare
 
@@ -211,7 +212,7 @@ async def test_a_port_that_was_taken_during_a_recorded_loss_is_an_error() -> Non
             return None
 
     async with replaying(*records) as replayed, connected(replayed.port):
-        with await eventually(lambda: take(replayed.port)), pytest.raises(RecordingError):
+        with await eventually(lambda: take(replayed.port)), pytest.raises(ToolError):
             await asyncio.wait_for(replayed.wait(asyncio.Event()), TIMEOUT)
 
 

@@ -377,7 +377,7 @@ def test_replay_says_what_is_missing_and_texts_of_clients_cannot_control_its_ter
     file = writer(tmp_path / "a.mcap", split_size=5_000)
     add_numbered(file, 200)
     file.close()
-    given = [file.paths[1], file.paths[3]]
+    given = [file.files.paths[1], file.files.paths[3]]
     given[1].write_bytes(given[1].read_bytes()[:-20])
     with start("replay", *map(str, given), "--port", "0", "--tcp-port", "0") as process:
         ready = next(line for line in process.stdout if "replayed chassis ready" in line)

@@ -276,6 +276,18 @@ def _failed_parts(hardware: HardwareState) -> Iterator[Objection]:
                 )
 
 
+def devices(hardware: HardwareState) -> Iterator[tuple[str, int]]:
+    """Yield each device and its `HardwareState.State`; devices of one kind are numbered from 1."""
+    for descriptor in HardwareState.DESCRIPTOR.fields:
+        if descriptor.enum_type is None:
+            continue
+        value = getattr(hardware, descriptor.name)
+        if isinstance(value, int):
+            yield descriptor.name, value
+        else:
+            yield from ((f"{descriptor.name} {i}", each) for i, each in enumerate(value, start=1))
+
+
 def _likely(info: RobotInfo) -> list[Objection]:
     """Return the probable reasons why a robot is not taskable, if no reason is certain."""
     remedy = "resolve it; it is resolved when robot/AbnormalCodes no longer has the code"

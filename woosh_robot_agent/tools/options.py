@@ -1,4 +1,4 @@
-"""Options that the tools share, and the event that ends them."""
+"""What the tools share: options, the event that ends them, and the error that they print."""
 
 from __future__ import annotations
 
@@ -7,12 +7,29 @@ import asyncio
 import ipaddress
 import math
 import re
+import socket
 import sys
+from collections.abc import Coroutine
 from typing import Any, NamedTuple
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.config import DEFAULT_PORTS, ENCODINGS, url_host
+from woosh_robot_agent.link.reports import printable
+from woosh_robot_agent.link.tasks import run_main
 from woosh_robot_agent.program import end_signals
+
+
+class ToolError(Exception):
+    """A tool cannot do what it should; the text says why, and what to do."""
+
+
+def run_tool(work: Coroutine[Any, Any, int]) -> int:
+    """Run the main coroutine of a tool, and print its `ToolError`; return the exit status."""
+    try:
+        return run_main(work)
+    except ToolError as error:
+        print(printable(f"error: {error}"), file=sys.stderr)
+        return 1
 
 
 def tool_parser(prog: str, description: str, epilog: str) -> argparse.ArgumentParser:
@@ -182,6 +199,18 @@ def is_local(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
+
+
+def own_address(host: str, port: int) -> str:
+    """Return this computer's address on the route to a numeric address; sends nothing.
+
+    Raises:
+        OSError: there is no route.
+    """
+    family, *_, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        probe.connect(target)
+        return str(probe.getsockname()[0])
 
 
 def warn_if_not_local(host: str, consequence: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -31,13 +30,14 @@ class RobotView:
     Attributes:
         is_empty: True until the first message.
         has_robot_info: True once a RobotInfo, which holds the whole state, has been received.
-        codes: the newest status codes, at most `_MAX_CODES`, the newest last.
+        codes: the newest status codes, at most `_MAX_CODES`, the newest last, by the values that
+            tell them apart.
         actions: last feedback of each action of `woosh.ros`, by the action's name, e.g. `MoveBase`.
         values: last value of each type of the other messages.
     """
 
     def __init__(self) -> None:
-        self.codes: deque[StatusCode] = deque(maxlen=_MAX_CODES)
+        self.codes: RecentDict[tuple[int, ...], StatusCode] = RecentDict(_MAX_CODES)
         self.actions: RecentDict[str, Feedback] = RecentDict(_MAX_ACTIONS)
         self.values = LastKnown()  # filled by `update`
         # an empty one, into which parts are merged that arrive before the first RobotInfo
@@ -80,16 +80,10 @@ class RobotView:
 
         What comes later is newer, whatever its time: the robot's clock may have been set back.
         """
-        merged = {code_key(code): code for code in self.codes}
         for code in sorted(codes, key=lambda code: code.time):
-            merged.setdefault(code_key(code), code)
-        self.codes.clear()
-        self.codes.extend(merged.values())
-
-
-def code_key(code: StatusCode) -> tuple[int, ...]:
-    """Return the values that tell a status code from the others of a robot."""
-    return code.time, code.code, code.robot_task_id
+            key = code.time, code.code, code.robot_task_id
+            if key not in self.codes:
+                self.codes[key] = code
 
 
 MAX_BACKOFF = 3.0

@@ -10,8 +10,24 @@ from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.ros.executor import Executor
 from woosh_robot_agent.ros.logs import init_arguments
+from woosh_robot_agent.ros.second_agent import UNKNOWN_NODE
+
+
+def find_agents(node: Node) -> set[tuple[str, str]]:
+    """Return name and namespace of the agents in the namespace of a node.
+
+    Each node that publishes a topic that every agent publishes counts as one.
+    """
+    topic = node.resolve_topic_name(TOPICS[0].name)
+    return {
+        (each.node_name, each.node_namespace)
+        for each in node.get_publishers_info_by_topic(topic)
+        if each.node_name != UNKNOWN_NODE
+    }
+
 
 _TIMEOUT = 0.1
 """Maximum delay before the thread notices `stop`, in seconds."""
@@ -43,12 +59,8 @@ class NodeThread:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def start(self, on_error: Callable[[Exception], None] | None = None) -> None:
-        """Start the thread. An exception of a callback ends it.
-
-        Args:
-            on_error: called in the thread with that exception; None to let Python print it.
-        """
+    def start(self, on_error: Callable[[Exception], None]) -> None:
+        """Start the thread. An exception of a callback ends it, and is passed to `on_error`."""
         self._thread = threading.Thread(
             target=self._spin, args=(on_error,), name="ros", daemon=True
         )
@@ -67,7 +79,7 @@ class NodeThread:
         self.node.destroy_node()
         rclpy.try_shutdown(context=context)
 
-    def _spin(self, on_error: Callable[[Exception], None] | None) -> None:
+    def _spin(self, on_error: Callable[[Exception], None]) -> None:
         executor = Executor(context=self.node.context)
         executor.add_node(self.node)
         try:
@@ -76,8 +88,6 @@ class NodeThread:
         except ExternalShutdownException:
             pass
         except Exception as error:
-            if on_error is None:
-                raise
             on_error(error)
         finally:
             executor.shutdown()

@@ -24,7 +24,6 @@ from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import control
 from woosh_robot_agent.tools.dashboard.control import ControlConfig
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
-from woosh_robot_agent.tools.dashboard.texts import english
 
 try:
     from websockets.asyncio.client import ClientConnection as Socket
@@ -118,13 +117,7 @@ def is_stopped_by_zero(chassis: SimulatorThread) -> bool:
 
 def say(text: dict[str, Any]) -> str:
     """Return in English what the dashboard says."""
-    if "english" in text:
-        return str(text["english"])
-    values = {
-        name: say(value) if isinstance(value, dict) else str(value)
-        for name, value in text["values"].items()
-    }
-    return english()[text["key"]].format_map(values)
+    return str(text["english"])
 
 
 class Page:

@@ -35,7 +35,8 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.simulator import SimulatorThread
 from woosh_robot_agent.tools.dashboard import part_data
-from woosh_robot_agent.tools.dashboard.access import Role, TokenFileError, kept_tokens
+from woosh_robot_agent.tools.dashboard.access import Role, kept_tokens
+from woosh_robot_agent.tools.options import ToolError
 
 _REAL_GROUPS = Path(__file__).parents[2] / "facts/real_scene/action_groups.json"
 
@@ -102,7 +103,7 @@ async def test_no_path_is_shown_but_that_of_a_task_or_navigation_on_this_map(
 
 async def test_the_history_begins_before_the_viewer(chassis: SimulatorThread) -> None:
     async with dashboard(chassis) as running:
-        await eventually(lambda: len(running.robots[0].history["samples"]) > 1)
+        await eventually(lambda: len(running.robots[0].samples) > 1)
         async with page(running) as viewer:
             await viewer.ready()
             await viewer.give("history")
@@ -121,12 +122,12 @@ async def test_the_history_goes_on_when_the_clock_is_set(
     now = part_data.now
     async with dashboard(chassis) as running:
         robot = running.robots[0]
-        await eventually(lambda: len(robot.history["samples"]) > 1)
+        await eventually(lambda: len(robot.samples) > 1)
         for hours in (-1, 1000):
-            known = len(robot.history["samples"])
+            known = len(robot.samples)
             monkeypatch.setattr(part_data, "now", lambda hours=hours: now() + 3_600_000 * hours)
-            await eventually(lambda known=known: len(robot.history["samples"]) > known + 1)
-            times = [each[0] for each in robot.history["samples"]]
+            await eventually(lambda known=known: len(robot.samples) > known + 1)
+            times = [each[0] for each in robot.samples]
             steps = [after - before for before, after in itertools.pairwise(times)]
             assert 0 < min(steps) <= max(steps) < TIMEOUT
 
@@ -254,14 +255,14 @@ def test_tokens_are_kept_in_a_file_that_only_its_owner_reads(tmp_path: Path) -> 
     assert len(set(tokens.values())) == len(Role)
     assert path.stat().st_mode & 0o777 == 0o600
     path.chmod(0o644)
-    with pytest.raises(TokenFileError, match="chmod 600"):
+    with pytest.raises(ToolError, match="chmod 600"):
         kept_tokens(path)
     path.chmod(0o600)
     for content in ("", "[]", "{}", json.dumps({"look": "short", "control": "short"})):
         path.write_text(content)
-        with pytest.raises(TokenFileError, match="delete it"):
+        with pytest.raises(ToolError, match="delete it"):
             kept_tokens(path)
-    with pytest.raises(TokenFileError, match="No such file"):
+    with pytest.raises(ToolError, match="No such file"):
         kept_tokens(tmp_path / "none" / "tokens.json")
 
 

@@ -23,12 +23,13 @@ from PIL import Image, ImageChops, ImageStat
 from tests.quick_chassis import set_speed
 from tests.tools.dashboard.browsers import Browser, SimulatedPage, eventually
 from tests.tools.dashboard.conftest import Serve
+from woosh_robot_agent.link.connection import NAMED_NOT_SENT
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.sentences import AND, SENTENCES, Said
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.tools.dashboard.texts import PAGE, value_data
+from woosh_robot_agent.tools.dashboard.texts import PAGE, page_text, value_data
 
 pytestmark = pytest.mark.timeout(300)
 _ARE_NEW = bool(os.environ.get("WOOSH_SCREENSHOTS"))
@@ -203,6 +204,13 @@ def test_a_sentence_remains_a_str_with_its_key_in_copies() -> None:
         assert (each, each.key, each.values) == ("nobody, unknown", "{one}, {other}", said.values)
         assert value_data(each) == value_data(said)
     assert json.dumps([said]) == '["nobody, unknown"]'
+
+
+def test_no_text_of_the_page_has_the_name_of_a_type() -> None:
+    said = NAMED_NOT_SENT(name=full_name(SceneData), reason="too late")
+    data = value_data(page_text("reply.refused", command=page_text("command.go"), text=said))
+    assert data["english"] == "Go: the request was not sent: too late"
+    assert data["values"]["text"]["english"] == "the request was not sent: too late"
 
 
 def _braces(pattern: str) -> set[str]:

@@ -56,6 +56,7 @@ from woosh_robot_agent.tools.dashboard.part_data import (
     scan_frame,
     zones_data,
 )
+from woosh_robot_agent.tools.robot_view import RobotView
 
 
 async def test_the_error_of_another_map_ends_with_its_use(chassis: SimulatorThread) -> None:
@@ -79,17 +80,19 @@ async def test_a_map_that_cannot_be_had_is_requested_after_ever_longer_pauses(
 
         async def wait_requested(source: MapSource, version: int, count: int) -> None:
             def is_requested() -> bool:
-                source.update(Scene(scene_name="hall", version=version), False)
+                view.update(Scene(scene_name="hall", version=version))
+                source.update()
                 return chassis.counts[name] >= count
 
             await eventually(is_requested)
 
         monkeypatch.setattr(map_source, "_RETRY_DELAY", 3600.0)
-        source = MapSource(client, lambda: None)
+        view = RobotView()
+        source = MapSource(client, view, lambda: None)
         await wait_requested(source, 1, 1)
         await wait_requested(source, 2, 2)  # another map may be smaller
         monkeypatch.setattr(map_source, "_RETRY_DELAY", 0.05)
-        source, begin = MapSource(client, lambda: None), clock()
+        source, begin = MapSource(client, view, lambda: None), clock()
         await wait_requested(source, 2, 8)
         assert clock() - begin > 0.8 * 0.05 * (1 + 2 + 4 + 8 + 16)
 
@@ -99,11 +102,13 @@ async def test_a_map_that_was_made_while_nobody_watched_is_shown(chassis: Simula
     async with ChassisClient(
         config=LinkConfig("127.0.0.1", chassis.port, backoff_min=0.05)
     ) as client:
-        source = MapSource(client, lambda: None)
+        view = RobotView()
+        view.update(Scene(scene_name="wooshmap", map_name="wooshmap"))
+        source = MapSource(client, view, lambda: None)
 
         async def wait_shown(number: int) -> None:
             def is_shown() -> bool:
-                source.update(Scene(scene_name="wooshmap", map_name="wooshmap"), False)
+                source.update()
                 return source.number == number
 
             await eventually(is_shown)
@@ -175,7 +180,7 @@ async def test_scans_are_requested_only_while_somebody_watches(chassis: Simulato
             assert len(frame) > 1000
             await viewer.send(do="visible", visible=False)
             robot = running.robots[0]
-            await eventually(lambda: not robot.parts.watched)
+            await eventually(lambda: not robot.parts.watched.is_set())
             await eventually(lambda: chassis.counts[scanner] > 0)
             # the last one may be in flight; then there are no more, however long one waits
             count = await _settled(chassis, scanner)
@@ -291,7 +296,7 @@ async def test_silence_while_nobody_watches_does_not_count(chassis: SimulatorThr
         for cls in (RobotState, ScannerData):
             chassis.delay(full_name(cls), 0.3)
         await viewer.send(do="visible", visible=False)
-        await eventually(lambda: not robot.parts.watched)
+        await eventually(lambda: not robot.parts.watched.is_set())
         await viewer.passed(1.5)
         seen, scans = set(), viewer.scans
         await viewer.send(do="visible", visible=True)
@@ -351,7 +356,7 @@ async def test_a_long_history_does_not_delay_a_stop_over_a_slow_connection(
         page(running, port) as viewer,
     ):
         await viewer.ready()
-        running.robots[0]._samples = [
+        running.robots[0].samples = [
             [1_700_000_000 + n, 0.123, 93, 1.2, False] for n in range(3000)
         ]
         delay.rate = 16e3

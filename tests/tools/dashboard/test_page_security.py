@@ -215,7 +215,7 @@ async def test_a_new_viewer_takes_the_place_of_one_that_does_not_drive(
                 await fourth.until(lambda parts: parts["control"]["owner"])
                 await fifth.give("stop")
             await driver.until(lambda parts: not parts["robot"]["task"]["running"])
-        await eventually(lambda: not running.robots[0].parts.watched)
+        await eventually(lambda: not running.robots[0].parts.watched.is_set())
 
 
 async def test_no_place_is_left_if_all_viewers_have_control(

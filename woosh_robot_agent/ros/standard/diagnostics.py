@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -18,6 +17,7 @@ from woosh_robot_agent.robot import who_drives
 from woosh_robot_agent.robot.clock import TOLERANCE, describe_offset
 from woosh_robot_agent.robot.readiness import (
     accepts_task,
+    devices,
     is_charging,
     is_located,
     objections,
@@ -162,18 +162,6 @@ def hardware_status(hardware: HardwareState) -> Status:
         if state != HardwareState.kInfo:
             status.add(ERROR if state == HardwareState.kFatal else WARN, f"{name}: {word}")
     return status
-
-
-def devices(hardware: HardwareState) -> Iterator[tuple[str, int]]:
-    """Yield each device and its `HardwareState.State`; devices of one kind are numbered from 1."""
-    for descriptor in HardwareState.DESCRIPTOR.fields:
-        if descriptor.enum_type is None:
-            continue
-        value = getattr(hardware, descriptor.name)
-        if isinstance(value, int):
-            yield descriptor.name, value
-        else:
-            yield from ((f"{descriptor.name} {i}", each) for i, each in enumerate(value, start=1))
 
 
 def link_status(context: PartContext) -> Status:

@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 from aiohttp import web
 
 from woosh_robot_agent.sentences import Sentence
-from woosh_robot_agent.tools.options import is_local
+from woosh_robot_agent.tools.options import ToolError, is_local
 
 SECURITY_HEADERS = MappingProxyType(
     {
@@ -56,10 +56,6 @@ class Role(Enum):
     CONTROL = "control"
 
 
-class TokenFileError(Exception):
-    """The file of the tokens cannot be used; the text says why."""
-
-
 def new_tokens() -> dict[Role, str]:
     """Return a token for each role."""
     return {role: secrets.token_urlsafe(_TOKEN_BYTES) for role in Role}
@@ -71,7 +67,7 @@ def kept_tokens(path: Path) -> dict[Role, str]:
     With such a file, the printed addresses stay valid when the program is started again.
 
     Raises:
-        TokenFileError: the file cannot be read or made, others can read it, or it has no tokens.
+        ToolError: the file cannot be read or made, others can read it, or it has no tokens.
     """
     try:
         with contextlib.suppress(FileExistsError):
@@ -79,17 +75,17 @@ def kept_tokens(path: Path) -> dict[Role, str]:
             with os.fdopen(descriptor, "w") as file:
                 json.dump({role.value: token for role, token in new_tokens().items()}, file)
         if path.stat().st_mode & 0o077:
-            raise TokenFileError(f"others can read {path}: run chmod 600 {path}")
+            raise ToolError(f"others can read {path}: run chmod 600 {path}")
         content = json.loads(path.read_text("utf-8"))
         tokens = {role: content[role.value] for role in Role}
     except OSError as error:
-        raise TokenFileError(f"cannot use {path}: {error.strerror or error}") from None
+        raise ToolError(f"cannot use {path}: {error.strerror or error}") from None
     except (ValueError, TypeError, KeyError):
         tokens = {}
     if not tokens or not all(
         isinstance(each, str) and len(each) >= _MIN_TOKEN_LENGTH for each in tokens.values()
     ):
-        raise TokenFileError(f"{path} has no tokens: delete it, and a new one is made")
+        raise ToolError(f"{path} has no tokens: delete it, and a new one is made")
     return tokens
 
 

@@ -16,7 +16,7 @@ from woosh_robot_agent.simulator.server import SimulatedChassis
 from woosh_robot_agent.tools.dashboard.commands import Args
 from woosh_robot_agent.tools.dashboard.control import ControlConfig, Outcome
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
-from woosh_robot_agent.tools.dashboard.texts import Text, value_data
+from woosh_robot_agent.tools.dashboard.texts import page_text, value_data
 
 _NO_TEXT = Sentence("a fault is a text of at most {length} characters")
 _TOO_MANY = Sentence("there are {count} faults already: end some of them")
@@ -87,7 +87,7 @@ class FaultCommands:
 
     def _clear(self, _args: Args) -> Outcome:
         self._simulator.clear_faults()
-        return Outcome(True, Text("reply.faultsEnded"))
+        return Outcome(True, page_text("reply.faultsEnded"))
 
     def _begin(self, args: Args) -> Outcome:
         text = args.get("text")
@@ -102,18 +102,18 @@ class FaultCommands:
             injection = self._simulator.inject(step.name, **step.arguments)
         except FaultError as error:
             return _refusal(said_by(error))
-        return Outcome(True, Text("reply.faultBegun", fault=str(injection)))
+        return Outcome(True, page_text("reply.faultBegun", fault=str(injection)))
 
     def _end(self, args: Args) -> Outcome:
         for injection in self._simulator.faults:
             if _id(injection) == args.get("id"):
                 injection.clear()
-                return Outcome(True, Text("reply.faultEnded", fault=str(injection)))
-        return Outcome(False, Text("reason.faultEnded"))
+                return Outcome(True, page_text("reply.faultEnded", fault=str(injection)))
+        return Outcome(False, page_text("reason.faultEnded"))
 
 
 def _refusal(reason: str) -> Outcome:
-    return Outcome(False, Text("reason.said", text=reason))
+    return Outcome(False, page_text("reason.said", text=reason))
 
 
 def _id(injection: Injection) -> str:

@@ -11,28 +11,14 @@ from typing import Any, NamedTuple
 
 from google.protobuf.message import Message
 
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import (
-    LED,
-    ActionOrder,
-    BuildMap,
-    Deployment,
-    ExecTask,
-    InitRobot,
-    SetRobotPose,
-    Speak,
-    SwitchControlMode,
-    SwitchMap,
-    SwitchWorkMode,
-    kDepCollect,
-    kMark,
-)
+from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.robot.robot_setting_pb2 import Sound
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.sentences import Sentence
-from woosh_robot_agent.tools.dashboard.texts import Text
+from woosh_robot_agent.tools.dashboard.texts import page_text
 
 Args = Mapping[str, Any]
 """Arguments of a command, as the page sends them."""
@@ -50,19 +36,14 @@ _MAX_NUMBER = 2**32 - 1
 
 
 class CommandError(ValueError):
-    """A command is refused, for the reason in `text`."""
+    """A command is refused; the text says why."""
 
-    def __init__(self, text: Text) -> None:
-        super().__init__(text)
-        self.text = text
+
+# The functions below that read an argument raise a CommandError if it is not valid.
 
 
 def number(args: Args, name: str, limit: float, least: float | None = None) -> float:
-    """Return an argument that is a number from `least`, by default -`limit`, to `limit`.
-
-    Raises:
-        CommandError: it is missing or something else.
-    """
+    """Return an argument that is a number from `least`, by default -`limit`, to `limit`."""
     value = args.get(name)
     least = -limit if least is None else least
     valid = isinstance(value, int | float) and not isinstance(value, bool)
@@ -72,15 +53,11 @@ def number(args: Args, name: str, limit: float, least: float | None = None) -> f
 
 
 def _invalid(text: str) -> CommandError:
-    return CommandError(Text("reason.invalid", text=text))
+    return CommandError(page_text("reason.invalid", text=text))
 
 
 def _whole(args: Args, name: str, limit: int) -> int:
-    """Return an argument that is a whole number from 0 to `limit`; 0 if it is missing.
-
-    Raises:
-        CommandError: it is something else.
-    """
+    """Return an argument that is a whole number from 0 to `limit`; 0 if it is missing."""
     value = args.get(name, 0)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= limit:
         raise _invalid(_NOT_WHOLE(name=name, greatest=limit))
@@ -88,11 +65,7 @@ def _whole(args: Args, name: str, limit: int) -> int:
 
 
 def _text(args: Args, name: str) -> str:
-    """Return an argument that is a text of at most `_MAX_TEXT` characters.
-
-    Raises:
-        CommandError: it is missing or something else, or it has a character that is not text.
-    """
+    """Return an argument that is a text of at most `_MAX_TEXT` characters; see `_is_no_text`."""
     text = args.get(name)
     if not isinstance(text, str) or len(text) > _MAX_TEXT or any(map(_is_no_text, text)):
         raise _invalid(_NO_TEXT(name=name, length=_MAX_TEXT))
@@ -105,11 +78,7 @@ def _is_no_text(character: str) -> bool:
 
 
 def _truth(args: Args, name: str) -> bool:
-    """Return an argument that is true or false.
-
-    Raises:
-        CommandError: it is missing or something else.
-    """
+    """Return an argument that is true or false."""
     value = args.get(name)
     if not isinstance(value, bool):
         raise _invalid(_NO_TRUTH(name=name))
@@ -126,9 +95,6 @@ def _choice(args: Args, name: str, choices: Mapping[str, int], default: str | No
     Args:
         choices: number of each choice.
         default: choice if the argument is missing; None if it must not be missing.
-
-    Raises:
-        CommandError: the argument is missing, or not a choice.
     """
     value = args.get(name, default)
     if not isinstance(value, str) or value not in choices:
@@ -137,11 +103,7 @@ def _choice(args: Args, name: str, choices: Mapping[str, int], default: str | No
 
 
 def set_pose(pose: Any, args: Args) -> None:
-    """Set a pose from arguments.
-
-    Raises:
-        CommandError: the arguments are not valid.
-    """
+    """Set a pose from arguments."""
     pose.x = number(args, "x", _MAX_COORDINATE)
     pose.y = number(args, "y", _MAX_COORDINATE)
     pose.theta = number(args, "theta", math.tau)
@@ -160,9 +122,9 @@ _DIRECTIONS = {
 }
 
 
-def _task(args: Args, default: str) -> ExecTask:
+def _task(args: Args, default: str) -> pack.ExecTask:
     """Return a task without a place; `default` is its type if the arguments have none."""
-    return ExecTask(
+    return pack.ExecTask(
         task_id=int(time.time() * 1000),  # the robot repeats it in its reports
         type=task.Type.Name(_choice(args, "type", _TYPES, default)),
         task_type_no=_whole(args, "number", _MAX_NUMBER),
@@ -184,14 +146,14 @@ def _go_to_mark(args: Args, _info: RobotInfo) -> Message:
 
 def _tell_pose(args: Args, info: RobotInfo) -> Message:
     """Return the request that sets the robot's pose: InitRobot if it is not initialised."""
-    request = InitRobot() if info.state == robot.kUninit else SetRobotPose()
+    request = pack.InitRobot() if info.state == robot.kUninit else pack.SetRobotPose()
     set_pose(request.pose, args)
     return request
 
 
 def _control_mode(args: Args, _info: RobotInfo) -> Message:
     modes = {"auto": robot.kAuto, "manual": robot.kManual, "maintain": robot.kMaintain}
-    return SwitchControlMode(mode=robot.ControlMode.Name(_choice(args, "mode", modes)))
+    return pack.SwitchControlMode(mode=robot.ControlMode.Name(_choice(args, "mode", modes)))
 
 
 def _work_mode(args: Args, _info: RobotInfo) -> Message:
@@ -200,7 +162,7 @@ def _work_mode(args: Args, _info: RobotInfo) -> Message:
         "task": robot.kTaskMode,
         "schedule": robot.kScheduleMode,
     }
-    return SwitchWorkMode(mode=robot.WorkMode.Name(_choice(args, "mode", modes)))
+    return pack.SwitchWorkMode(mode=robot.WorkMode.Name(_choice(args, "mode", modes)))
 
 
 def _sound(args: Args, _info: RobotInfo) -> Message:
@@ -209,17 +171,17 @@ def _sound(args: Args, _info: RobotInfo) -> Message:
 
 def _light(args: Args, _info: RobotInfo) -> Message:
     effect, color = _whole(args, "effect", _MAX_NUMBER), _whole(args, "color", 0xFFFFFF)
-    return LED(normal=effect, color=color)
+    return pack.LED(normal=effect, color=color)
 
 
 def _switch_map(args: Args, _info: RobotInfo) -> Message:
-    return SwitchMap(scene_name=_text(args, "scene"), map_name=_text(args, "map"))
+    return pack.SwitchMap(scene_name=_text(args, "scene"), map_name=_text(args, "map"))
 
 
 def _build_map(args: Args, _info: RobotInfo) -> Message:
-    kinds = {"add": BuildMap.kAdd, "update": BuildMap.kUpdate}
-    kind = BuildMap.BuildType.Name(_choice(args, "type", kinds))
-    return BuildMap(type=kind, scene_name=_text(args, "scene"), map_name=_text(args, "map"))
+    kinds = {"add": pack.BuildMap.kAdd, "update": pack.BuildMap.kUpdate}
+    kind = pack.BuildMap.BuildType.Name(_choice(args, "type", kinds))
+    return pack.BuildMap(type=kind, scene_name=_text(args, "scene"), map_name=_text(args, "map"))
 
 
 class Command(NamedTuple):
@@ -246,21 +208,21 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
         "charge": Command(lambda args, _: _task(args, "charge")),  # the robot chooses where
         "setPose": Command(_tell_pose, on_map=True),
         # tells the robot that it is where it was when it was switched off
-        "keepPose": Command(lambda *_: InitRobot(is_record=True)),
-        "pause": Command(lambda *_: ActionOrder(order=action.kPause), interrupts=True),
-        "continue": Command(lambda *_: ActionOrder(order=action.kContinue)),
-        "endWait": Command(lambda *_: ActionOrder(order=action.kWaitBreak)),
-        "cancel": Command(lambda *_: ActionOrder(order=action.kCancel), interrupts=True),
+        "keepPose": Command(lambda *_: pack.InitRobot(is_record=True)),
+        "pause": Command(lambda *_: pack.ActionOrder(order=action.kPause), interrupts=True),
+        "continue": Command(lambda *_: pack.ActionOrder(order=action.kContinue)),
+        "endWait": Command(lambda *_: pack.ActionOrder(order=action.kWaitBreak)),
+        "cancel": Command(lambda *_: pack.ActionOrder(order=action.kCancel), interrupts=True),
         "controlMode": Command(_control_mode),
         "workMode": Command(_work_mode),
-        "speak": Command(lambda args, _: Speak(text=_text(args, "text"))),
+        "speak": Command(lambda args, _: pack.Speak(text=_text(args, "text"))),
         "sound": Command(_sound),
         "light": Command(_light),
         "switchMap": Command(_switch_map),
         "buildMap": Command(_build_map),
-        "saveMap": Command(lambda *_: BuildMap(type=BuildMap.kSave)),
-        "discardMap": Command(lambda *_: BuildMap(type=BuildMap.kCanel)),  # spelled so
-        "collectMark": Command(lambda *_: Deployment(type=kMark, mode=kDepCollect)),
+        "saveMap": Command(lambda *_: pack.BuildMap(type=pack.BuildMap.kSave)),
+        "discardMap": Command(lambda *_: pack.BuildMap(type=pack.BuildMap.kCanel)),  # spelled so
+        "collectMark": Command(lambda *_: pack.Deployment(type=pack.kMark, mode=pack.kDepCollect)),
     }
 )
 """All commands that send one request to the robot, by name."""

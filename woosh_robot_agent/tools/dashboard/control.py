@@ -29,11 +29,12 @@ from woosh_robot_agent.robot.refusals import RefusalExplainer, type_of
 from woosh_robot_agent.robot.standstill import Standstill
 from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
 from woosh_robot_agent.sentences import THEN, Said, Sentence, joined, said_by
+from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.commands import COMMANDS, Args, CommandError, number
 from woosh_robot_agent.tools.dashboard.robot import Robot
 from woosh_robot_agent.tools.dashboard.stop_alarm import StopAlarm
 from woosh_robot_agent.tools.dashboard.tasks import TaskLog
-from woosh_robot_agent.tools.dashboard.texts import Text, value_data
+from woosh_robot_agent.tools.dashboard.texts import page_text, value_data
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
 
 
@@ -45,23 +46,23 @@ class Outcome(NamedTuple):
     """
 
     ok: bool
-    text: Text
+    text: str
     data: Any = None
 
 
-_STICK = Said(str(Text("driver.stick")), "driver.stick")
+_STICK = page_text("driver.stick")
 """Name of the stick as a source of velocities."""
 STOP = "stop"
 """Name of the command that stops the robot; a viewer needs no control to give it."""
 SPEED_LIMIT = "speedLimit"
 """Name of the command that limits the speed of the robot."""
-TOO_SLOW = Text("reason.tooSlow")
+TOO_SLOW = page_text("reason.tooSlow")
 """Reason for a command or velocity from the page that is too old to be sent."""
-UNANSWERED = Text("reason.unanswered")
+UNANSWERED = page_text("reason.unanswered")
 """Reason for a velocity that is not sent, because the answer to an earlier one is overdue."""
-_STOPPED_MEANWHILE = Text("reason.stoppedMeanwhile")
-_OTHER_MODE = Text("reason.otherMode")
-_IDLE = Text("reason.idle")
+_STOPPED_MEANWHILE = page_text("reason.stoppedMeanwhile")
+_OTHER_MODE = page_text("reason.otherMode")
+_IDLE = page_text("reason.idle")
 _VELOCITY_REFUSED = Sentence("the robot refused the velocity")
 _BECAUSE = Sentence("{text} ({reason})")
 _MAX_COUNT = 1e15
@@ -161,12 +162,11 @@ class Control:
         last_known = robot.view.values
         self._explainer = RefusalExplainer(robot.chassis, last_known)
         self._standstill = Standstill(robot.chassis, self._gate, last_known)
-        velocities = VelocitySources(self._gate)
         self._who_drives = WhoDrives(
             robot.chassis,
             self._gate,
             last_known,
-            velocities,
+            VelocitySources(self._gate),
             goals=lambda: (),  # the dashboard executes no ROS goals
         )
         self.tasks = TaskLog(robot, self._who_drives.now)
@@ -230,7 +230,7 @@ class Control:
             return self._limit_speed(limit)
         command = COMMANDS.get(name)
         if command is None:
-            raise CommandError(Text("reason.unknownCommand"))
+            raise CommandError(page_text("reason.unknownCommand"))
         request = command.request(args, self._robot.view.info)
         if command.on_map:
             reason = reason or self._other_map(args)
@@ -239,10 +239,10 @@ class Control:
             self.tasks.given(request.task_id, viewer.name, name, args)
         return self._execute(name, request)
 
-    def _admit(self, viewer: Viewer, name: str, reason: Text | None) -> None:
+    def _admit(self, viewer: Viewer, name: str, reason: Said | None) -> None:
         """Claim the control for a command; raise a `CommandError` for a reason against it."""
         if reason:
-            raise CommandError(Text("reply.notSent", command=_name(name), reason=reason))
+            raise CommandError(page_text("reply.notSent", command=_name(name), reason=reason))
         if reason := self._claim(viewer):
             raise CommandError(reason)
 
@@ -301,20 +301,20 @@ class Control:
                 self._end_press(_IDLE)
             self.release(self.owner)
 
-    def _claim(self, viewer: Viewer) -> Text | None:
+    def _claim(self, viewer: Viewer) -> Said | None:
         """Give the control to a viewer, or extend its time; return the reason if that cannot be."""
         self._release_idle()
         if self.owner not in (None, viewer):
-            return Text("reason.controlled", name=self.owner.name)
+            return page_text("reason.controlled", name=self.owner.name)
         if not viewer.visible:
-            return Text("reason.hidden")
+            return page_text("reason.hidden")
         if self.owner is None:
             self.owner = viewer
             self._robot.parts.changed()
         self._used_at = asyncio.get_running_loop().time()
         return None
 
-    def _outdated(self, clock: float) -> Text | None:
+    def _outdated(self, clock: float) -> Said | None:
         """Return the reason if a command or velocity is too old to be sent (rule 5), or None."""
         known = clock / 1000.0
         if not 0.0 <= asyncio.get_running_loop().time() - known <= self._config.max_age:
@@ -326,20 +326,19 @@ class Control:
             return _STOPPED_MEANWHILE
         return None
 
-    def _other_map(self, args: Args) -> Text | None:
+    def _other_map(self, args: Args) -> Said | None:
         """Return the reason if the place of a command is not on the map that the robot uses."""
-        used = self._robot.view.info.scene
-        shown = tuple(map(args.get, ("scene", "map", "version")))
-        if shown == (used.scene_name, used.map_name, str(used.version)):
+        used = part_data.map_data(self._robot.view.info.scene)
+        if all(args.get(name) == value for name, value in used.items()):
             return None
-        return Text("reason.otherMap", map=used.map_name)
+        return page_text("reason.otherMap", map=used["map"])
 
     @property
     def _gap(self) -> float:
         """Time since the last velocity of the last press, in seconds."""
         return asyncio.get_running_loop().time() - self._driven_at
 
-    def _admit_press(self, viewer: Viewer, press: int, clock: float) -> Text | None:
+    def _admit_press(self, viewer: Viewer, press: int, clock: float) -> Said | None:
         """Claim the control for a press; return the reason why it may not drive, or None."""
         if viewer.press_clock / 1000.0 <= self._stopped_at:  # begun before the stop was known
             return _STOPPED_MEANWHILE
@@ -353,33 +352,34 @@ class Control:
         if self._gate.is_answer_overdue:
             return UNANSWERED
         owner = self._gate.owner
-        return Text("reason.running", owner=owner) if owner else None
+        return page_text("reason.running", owner=owner) if owner else None
 
     async def _stop(self, viewer: Viewer) -> Outcome:
         driving, given = (self.owner, self._press), asyncio.get_running_loop().time()
         report = await self._gate.stop(_STOP_TIMEOUT)
         self.alarm.answered(report, given)
         key = "reply.stopped" if report.success else "reply.notStopped"
-        text = Text(key, text=report.message)
+        text = page_text(key, text=report.message)
         if driving == (self.owner, self._press):  # a press that began meanwhile goes on
             by_other = self.owner is not viewer and report.success
-            self._end_press(Text("reply.stoppedBy", name=viewer.name) if by_other else text)
+            self._end_press(page_text("reply.stoppedBy", name=viewer.name) if by_other else text)
         return Outcome(report.success, text)
 
     async def _execute(self, name: str, request: Message) -> Outcome:
         try:
             request = self._robot.requests.address(request)
-            source = Said(str(_name(name)), f"command.{name}")
-            answer = await self._gate.request(request, sender=Sender(source))
+            answer = await self._gate.request(request, sender=Sender(_name(name)))
         except LinkError as error:  # if the robot has got the request, its reports will show that
-            return Outcome(False, Text("reply.refused", command=_name(name), text=said_by(error)))
+            return Outcome(
+                False, page_text("reply.refused", command=_name(name), text=said_by(error))
+            )
         if isinstance(request, ExecTask):
             self.tasks.answered(request.task_id, answer.ok)
         if answer.ok:
             task_id = str(request.task_id) if isinstance(request, ExecTask) else None
-            return Outcome(True, Text("reply.accepted", command=_name(name)), task_id)
+            return Outcome(True, page_text("reply.accepted", command=_name(name)), task_id)
         text = await self._explained(type_of(request), answer.reason)
-        return Outcome(False, Text("reply.refused", command=_name(name), text=text))
+        return Outcome(False, page_text("reply.refused", command=_name(name), text=text))
 
     async def _explained(self, request_type: str, text: str) -> str:
         """Return the text of a refusal that just came, with its reasons if they are known."""
@@ -393,7 +393,7 @@ class Control:
         self._speed_limiter.limit(math.inf if limit is None else limit)
         self._robot.parts.changed()
         self._on_card_changed()
-        return Outcome(True, Text("reply.accepted", command=_name(SPEED_LIMIT)))
+        return Outcome(True, page_text("reply.accepted", command=_name(SPEED_LIMIT)))
 
     def _stick_limits(self) -> VelocityLimits:
         """Return the limits of the stick, which obeys the speed limit of the viewers, too."""
@@ -403,7 +403,7 @@ class Control:
     def _stopped(self) -> None:
         """Note the beginning of a stop, and end the press."""
         self._stopped_at = asyncio.get_running_loop().time()
-        self._end_press(Text("reply.stopping"))
+        self._end_press(page_text("reply.stopping"))
 
     def _answered(self, command: AnsweredCommand) -> None:
         """End the press if the robot has refused its velocity."""
@@ -419,14 +419,14 @@ class Control:
     async def _explain(self, viewer: Viewer, press: int, text: str) -> None:
         """Tell a viewer why the robot has refused the velocity of a press."""
         text = await self._explained(full_name(Twist), text)
-        viewer.end_press(press, Text("reason.said", text=text))
+        viewer.end_press(press, page_text("reason.said", text=text))
 
     def _stick_refused(self, reason: str) -> None:
         """End the press whose velocity `VelocityDriver` has refused."""
         if self.owner is not None and self.owner.ended_press < self._press:  # told once
-            self._end_press(Text("reason.said", text=reason))
+            self._end_press(page_text("reason.said", text=reason))
 
-    def _end_press(self, reason: Text) -> None:
+    def _end_press(self, reason: Said) -> None:
         """End the owner's last press, and tell its page why."""
         if self.owner is not None:
             self.owner.end_press(self._press, reason)
@@ -447,8 +447,8 @@ class Control:
         }
 
 
-def _name(command: str) -> Text:
-    return Text(f"command.{command}")
+def _name(command: str) -> Said:
+    return page_text(f"command.{command}")
 
 
 def _speed_limit(args: Args) -> float | None:

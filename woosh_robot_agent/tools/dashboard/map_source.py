@@ -14,16 +14,11 @@ from woosh_robot_agent.pb.map.map_pack_pb2 import SceneList
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, Scene
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.robot.maps import (
-    MapError,
-    check_resolution_and_origin,
-    find_map,
-    grey_png,
-    scene_data,
-)
+from woosh_robot_agent.robot import maps
 from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.texts import value_data
+from woosh_robot_agent.tools.robot_view import RobotView
 
 _NO_KEEPOUT = Sentence("the keep-out areas are not shown: {reason}")
 _RETRY_DELAY = 5.0
@@ -64,6 +59,7 @@ class MapSource:
     Call `update` repeatedly while somebody watches, then `end_subscription`.
 
     Args:
+        view: state of the robot.
         on_change: called when the picture, the error or the list of scenes has changed.
 
     Attributes:
@@ -73,8 +69,11 @@ class MapSource:
         error: why the last request of a map failed; empty if it did not.
     """
 
-    def __init__(self, chassis: ChassisClient, on_change: Callable[[], None]) -> None:
+    def __init__(
+        self, chassis: ChassisClient, view: RobotView, on_change: Callable[[], None]
+    ) -> None:
         self._chassis = chassis
+        self._view = view
         self._on_change = on_change
         self.picture: MapPicture | None = None
         self.number = 0
@@ -102,16 +101,19 @@ class MapSource:
         chassis.on_snapshot(lambda _: self._forget())
         chassis.subscribe(RobotState, self._state_reported)
 
-    def data(self, scene: Scene, mapping: bool) -> dict[str, Any]:
-        """Return the data of the part `map` of the page.
+    @property
+    def _is_mapping(self) -> bool:
+        """True while the robot is making a map."""
+        return self._view.info.state == robot.kMapping
 
-        The robot uses the map of `scene`, or is making a map if `mapping` is true.
-        """
+    def data(self) -> dict[str, Any]:
+        """Return the data of the part `map` of the page."""
+        picture, scene = self.picture, self._view.info.scene
         # a picture of another map is not shown
-        if self.picture is None or not (mapping or self.picture.shows(scene)):
+        if picture is None or not (self._is_mapping or picture.shows(scene)):
             return {"number": self.number, "error": value_data(self.error)}
-        error = self.error or self.picture.problem
-        return {"number": self.number, "error": value_data(error), **self.picture.data}
+        error = self.error or picture.problem
+        return {"number": self.number, "error": value_data(error), **picture.data}
 
     def scenes_data(self) -> list[dict[str, Any]]:
         """Return the data of the part `scenes` of the page."""
@@ -125,21 +127,21 @@ class MapSource:
         self._picture_task = self._scenes_task = None
         self.end_subscription()
 
-    def update(self, scene: Scene, mapping: bool) -> None:
+    def update(self) -> None:
         """Request the map and the list of scenes if they are due.
 
-        While the robot is making a map, subscribe to that map instead. The arguments are those of
-        `data`.
+        While the robot is making a map, subscribe to that map instead.
         """
         if self._chassis.state is not LinkState.READY:
             return
         self._update_scenes()
-        if mapping:
+        if self._is_mapping:
             self._shown = self._wanted = None
             if self._unsubscribe is None:
                 self._unsubscribe = self._chassis.subscribe_raw(BuildMapData, self._map_grown)
             return
         self.end_subscription()
+        scene = self._view.info.scene
         wanted = (scene.scene_name, scene.map_id, scene.map_name, scene.version)
         if wanted != self._wanted:
             self._wanted, self._not_before = wanted, -math.inf
@@ -179,8 +181,8 @@ class MapSource:
     async def _request_map(self, wanted: tuple[str, int, str, int]) -> None:
         scene_name, map_id, map_name, version = wanted
         try:
-            scene = await scene_data(self._chassis, scene_name)
-            area = find_map(scene, map_id, map_name)
+            scene = await maps.scene_data(self._chassis, scene_name)
+            area = maps.find_map(scene, map_id, map_name)
             origin = area.origin.x, area.origin.y, area.origin.theta
             content = {
                 "scene": scene_name,
@@ -193,7 +195,7 @@ class MapSource:
             }
             png, keepout = area.map_png, area.keepout_png
             self._set_picture(await _picture(png, keepout, area.resolution, origin, content))
-        except (LinkError, MapError) as error:
+        except (LinkError, maps.MapError) as error:
             self._set_error(said_by(error))
             if wanted == self._wanted:
                 self._not_before = asyncio.get_running_loop().time() + self._retry.next()
@@ -210,7 +212,7 @@ class MapSource:
             report: BuildMapData = body.message()
             origin = report.origin_x, report.origin_y, 0.0
             self._set_picture(await _picture(report.map_data, b"", report.resolution, origin, {}))
-        except (FrameError, MapError):  # the next report comes within a second
+        except (FrameError, maps.MapError):  # the next report comes within a second
             return
 
     def end_subscription(self) -> None:
@@ -246,14 +248,14 @@ async def _picture(
     Raises:
         MapError: the map has no valid resolution, origin or image.
     """
-    check_resolution_and_origin(resolution, *origin)
+    maps.check_resolution_and_origin(resolution, *origin)
     # decoding a large image would block the link
-    map_png = await asyncio.to_thread(grey_png, png)
+    map_png = await asyncio.to_thread(maps.grey_png, png)
     keepout, problem = b"", ""
     if keepout_png:
         try:
-            keepout = await asyncio.to_thread(grey_png, keepout_png)
-        except MapError as error:
+            keepout = await asyncio.to_thread(maps.grey_png, keepout_png)
+        except maps.MapError as error:
             problem = _NO_KEEPOUT(reason=said_by(error))
     pose = dict(zip(("x", "y", "theta"), origin, strict=True))
     data = {"resolution": resolution, "origin": pose, "keepout": bool(keepout), **content}

@@ -6,11 +6,9 @@ Names of states and modes are English words; the page translates them into its l
 
 from __future__ import annotations
 
-import array
 import json
 import math
 import struct
-import sys
 import time
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -25,6 +23,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     NavPath,
     RobotInfo,
     ScannerData,
+    Scene,
     TaskProc,
 )
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase
@@ -35,6 +34,7 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.readiness import (
     accepts_task,
     all_objections,
+    devices,
     is_charging,
     objections,
     pose_problem,
@@ -42,7 +42,7 @@ from woosh_robot_agent.robot.readiness import (
 from woosh_robot_agent.robot.standstill import ENDED
 from woosh_robot_agent.robot.status_codes import meaning
 from woosh_robot_agent.tools.dashboard.texts import value_data
-from woosh_robot_agent.tools.robot_view import RobotView, code_key
+from woosh_robot_agent.tools.robot_view import RobotView
 
 _MAX_CODES = 50
 """Maximum number of problems on the page, i.e. of status codes that hold now."""
@@ -93,9 +93,7 @@ def robot_data(view: RobotView, lost_actions: Iterable[str]) -> dict[str, Any]:
         "id": info.robot_id or info.genral.serial_number,
         "name": info.setting.identity.name,
         "model": info.genral.display_model,
-        "scene": info.scene.scene_name,
-        "map": info.scene.map_name,
-        "version": str(info.scene.version),  # a browser rounds large numbers
+        **map_data(info.scene),
         "state": enum_name(robot.State, info.state),
         "control": enum_name(robot.ControlMode, info.mode.ctrl) if info.HasField("mode") else None,
         "work": enum_name(robot.WorkMode, info.mode.work) if info.HasField("mode") else None,
@@ -113,6 +111,15 @@ def robot_data(view: RobotView, lost_actions: Iterable[str]) -> dict[str, Any]:
     }
 
 
+def map_data(scene: Scene) -> dict[str, str]:
+    """Return the names of the scene and of the map that a robot uses, and the map's version."""
+    return {
+        "scene": scene.scene_name,
+        "map": scene.map_name,
+        "version": str(scene.version),  # a browser rounds large numbers
+    }
+
+
 def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
     """Return values for technicians: software, network, hardware that is not normal, link.
 
@@ -126,7 +133,11 @@ def details_data(view: RobotView, chassis: ChassisClient) -> dict[str, Any]:
         "mileage": info.pose_speed.mileage,
         "wifi": info.network.wifi.name,
         "strength": info.network.wifi.strength,
-        "parts": _abnormal_hardware(info.hardware_state),
+        "parts": [
+            {"part": name, "state": enum_name(HardwareState.State, state)}
+            for name, state in devices(info.hardware_state)
+            if state != HardwareState.kNormal
+        ],
         "connects": stats.connects,
         "received": stats.rx,
         "sent": stats.tx,
@@ -181,9 +192,11 @@ def place_data(info: RobotInfo, index: int) -> dict[str, Any] | None:
 def codes_data(view: RobotView, times: Mapping[tuple[int, ...], int]) -> list[dict[str, Any]]:
     """Return the last status codes, the newest first.
 
-    `times` has their Unix times by this computer's clock, in milliseconds, by `code_key`.
+    `times` has their Unix times by this computer's clock, in milliseconds, by the keys of
+    `view.codes`.
     """
-    return [{"time": times[code_key(code)], **code_data(code)} for code in reversed(view.codes)]
+    codes = reversed(view.codes.items())
+    return [{"time": times[key], **code_data(code)} for key, code in codes]
 
 
 def code_data(code: StatusCode) -> dict[str, Any]:
@@ -265,7 +278,8 @@ def zones_data(area: SceneData.Map) -> list[dict[str, Any]]:
     for kind, each in found:
         outline = points_data(each.nav_filed.vertexs, _points_each(found))
         if len(outline) > 2:
-            speed = _rounded_or_zero(each.nav_filed.max_speed)
+            speed = each.nav_filed.max_speed
+            speed = round(speed, 3) if math.isfinite(speed) else 0.0
             zones.append({"kind": kind, "outline": outline, "speed": speed})
     return zones
 
@@ -348,24 +362,6 @@ def _action(view: RobotView, name: str) -> dict[str, Any]:
     }
 
 
-def _abnormal_hardware(hardware: HardwareState) -> list[dict[str, str]]:
-    """Return the hardware parts of the robot that are not normal, with their states."""
-    found = []
-    for field, value in hardware.ListFields():
-        if field.enum_type is None:
-            continue
-        states: Iterable[int] = [value] if isinstance(value, int) else value
-        for number, state in enumerate(states, start=1):
-            if state != HardwareState.kNormal:
-                part = field.name if isinstance(value, int) else f"{field.name} {number}"
-                found.append({"part": part, "state": enum_name(HardwareState.State, state)})
-    return found
-
-
-def _rounded_or_zero(value: float) -> float:
-    return round(value, 3) if math.isfinite(value) else 0.0
-
-
 def now() -> int:
     """Return the Unix time, in milliseconds."""
     return int(time.time() * 1000.0)
@@ -396,8 +392,5 @@ def scan_frame(scan: ScannerData, pose: tuple[float, float, float]) -> bytes | N
         return None
     low, high = max(0.0, scan.range_min), min(scan.range_max or _MAX_RANGE, _MAX_RANGE)
     # a range that is not a number becomes 0, because each comparison with it is False
-    measured = [int(r * 1000.0) if low <= r <= high else 0 for r in scan.ranges[:_MAX_RAYS]]
-    ranges = array.array("H", measured)
-    if sys.byteorder == "big":
-        ranges.byteswap()
-    return _HEADER.pack(*values) + ranges.tobytes()
+    ranges = [int(r * 1000.0) if low <= r <= high else 0 for r in scan.ranges[:_MAX_RAYS]]
+    return _HEADER.pack(*values) + struct.pack(f"<{len(ranges)}H", *ranges)

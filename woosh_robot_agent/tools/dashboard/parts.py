@@ -19,6 +19,7 @@ class Parts:
 
     Attributes:
         messages: last message of each part, by name: JSON as text, or binary.
+        watched: set while there are viewers.
     """
 
     def __init__(self) -> None:
@@ -35,8 +36,7 @@ class Parts:
         """Callbacks of the viewers."""
         self._changed = asyncio.Event()
         """Set by `changed`, until the parts are published."""
-        self._watched = asyncio.Event()
-        """Set while there are viewers."""
+        self.watched = asyncio.Event()
 
     def add(
         self,
@@ -90,7 +90,7 @@ class Parts:
             period: minimum time between two publications, in seconds.
         """
         while True:
-            await self._watched.wait()
+            await self.watched.wait()
             await self._changed.wait()
             self._changed.clear()
             self.publish(*self._on_change)
@@ -99,7 +99,7 @@ class Parts:
     async def publish_each_second(self) -> None:
         """Publish the parts with `each_second`, while there are viewers."""
         while True:
-            await self._watched.wait()
+            await self.watched.wait()
             self.publish(*self._each_second)
             await asyncio.sleep(1.0)
 
@@ -110,7 +110,7 @@ class Parts:
         were published first. The scan is not among them, because the last scan may be old.
         """
         self._viewers[viewer] = callback
-        self._watched.set()
+        self.watched.set()
         self.changed()
         callback([name for name in self.messages if name != SCAN])
 
@@ -121,16 +121,7 @@ class Parts:
         """
         self._viewers.pop(viewer, None)
         if not self._viewers:
-            self._watched.clear()
-
-    @property
-    def watched(self) -> bool:
-        """True while there are viewers."""
-        return self._watched.is_set()
-
-    async def wait_watched(self) -> None:
-        """Wait until there is a viewer."""
-        await self._watched.wait()
+            self.watched.clear()
 
     def _tell(self, names: Collection[str]) -> None:
         if names:

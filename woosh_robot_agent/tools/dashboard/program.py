@@ -13,19 +13,19 @@ from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import log_to_stderr
-from woosh_robot_agent.link.tasks import run_main
 from woosh_robot_agent.tools.dashboard.access import (
     Role,
-    TokenFileError,
     kept_tokens,
     new_tokens,
 )
 from woosh_robot_agent.tools.dashboard.control import ControlConfig
 from woosh_robot_agent.tools.dashboard.server import Dashboard, DashboardConfig
 from woosh_robot_agent.tools.options import (
+    ToolError,
     add_link_options,
     is_local,
     link_config,
+    run_tool,
     stop_event,
     tool_parser,
 )
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     robots = list({each.address: each for each in configs}.values())  # each robot once
     try:
         tokens = kept_tokens(options.token_file) if options.token_file else new_tokens()
-    except TokenFileError as error:
+    except ToolError as error:
         parser.error(f"--token-file: {error}")
     config = DashboardConfig(
         host=options.host,
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         control_config=ControlConfig(options.max_linear, options.max_angular),
     )
     log_to_stderr(logging.WARNING, "%(levelname)s: %(message)s")
-    return run_main(_run(robots, config))
+    return run_tool(_run(robots, config))
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -148,8 +148,7 @@ async def _run(robots: Sequence[LinkConfig], config: DashboardConfig) -> int:
         )
         where = f"{config.host}, port {config.port}"
         reason = error.strerror or error
-        print(f"error: cannot serve the page on {where}: {reason}; {remedy}", file=sys.stderr)
-        return 1
+        raise ToolError(f"cannot serve the page on {where}: {reason}; {remedy}") from None
     try:
         print(f"dashboard ready at {dashboard.url}", flush=True)
         if config.control:

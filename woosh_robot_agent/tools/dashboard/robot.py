@@ -26,21 +26,19 @@ from woosh_robot_agent.link.tasks import cancel_and_wait
 from woosh_robot_agent.motion.requests import only_reads
 from woosh_robot_agent.motion.wheel_owner import ACTIONS, EXECUTING
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
-from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData, Scene
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, RobotState, ScannerData
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
-from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED, is_charging, objections
 from woosh_robot_agent.sentences import Said, Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.commands import Args, CommandError, set_pose
 from woosh_robot_agent.tools.dashboard.map_source import MapSource
 from woosh_robot_agent.tools.dashboard.parts import SCAN, Parts
-from woosh_robot_agent.tools.dashboard.texts import Text, value_data
+from woosh_robot_agent.tools.dashboard.texts import page_text, value_data
 from woosh_robot_agent.tools.options import link_arguments
 from woosh_robot_agent.tools.robot_view import (
     MAX_BACKOFF,
     RobotView,
-    code_key,
     subscribe_all,
 )
 
@@ -72,7 +70,7 @@ Such a delay does not count as silence of the robot.
 _NO_PATH = Sentence("the robot answered with {type}, not with a path")
 _REFUSED_PATH = Sentence("{reason} (the robot: {text})")
 _UNREACHABLE = Sentence("the place may be in or near a wall, outside of the map, or cut off")
-READ_ONLY = Text("reason.readOnly")
+READ_ONLY = page_text("reason.readOnly")
 """Reason for which each command is refused if the dashboard runs without control."""
 
 
@@ -94,6 +92,7 @@ class Robot:
         parts: the parts about this robot, which its viewers watch.
         lost_actions: names of the actions that were executing when the link was lost, and whose
             state is unknown since then.
+        samples: what `_sample` has returned in the last half hour, oldest first.
         silence: time for which the robot has been connected but has sent nothing, in whole seconds;
             0 while no viewer watches any robot.
         order: returns the order that a fleet manager has given the robot; None without one. The
@@ -107,11 +106,11 @@ class Robot:
             config=replace(config, backoff_max=MAX_BACKOFF), minimum_timeouts=minimum_timeouts()
         )
         if not control:
-            self.chassis.permit_only(only_reads, Said(str(READ_ONLY), "reason.readOnly"))
+            self.chassis.permit_only(only_reads, READ_ONLY)
         self.view = RobotView()
         self.requests = RequestMaker(config.robot_id)
         self.parts = Parts()
-        self.map = MapSource(self.chassis, self.parts.changed)
+        self.map = MapSource(self.chassis, self.view, self.parts.changed)
         self.lost_actions: set[str] = set()
         self.silence = 0
         self.order: Callable[[], dict[str, Any] | None] = lambda: None
@@ -119,10 +118,9 @@ class Robot:
         self._scan_rate = scan_rate
         self._failed = False
         """True if an unexpected error has ended the updates of the parts."""
-        self._samples: list[list[Any]] = []
-        """Samples as returned by `_sample`, oldest first."""
+        self.samples: list[list[Any]] = []
         self._code_times: dict[tuple[int, ...], int] = {}
-        """Times of the status codes on this computer's clock, as Unix time in ms, by `code_key`."""
+        """Unix times of the view's status codes by this computer's clock, in ms, by their keys."""
         self._fastest = 0.0
         """Greatest speed since the last sample, in m/s."""
         self._path_link_and_map: tuple[Any, ...] = ()
@@ -133,14 +131,14 @@ class Robot:
             ("outline", lambda: part_data.outline_data(self.view.info)),
             ("path", lambda: part_data.path_data(self.view) if self._is_path_valid else []),
             ("codes", lambda: part_data.codes_data(self.view, self._code_times)),
-            ("map", lambda: self.map.data(*self._map_use)),
+            ("map", self.map.data),
             ("scenes", self.map.scenes_data),
         ):
             self.parts.add(name, source)
         for name, periodic in (
             ("link", self._link_data),
             ("details", lambda: part_data.details_data(self.view, self.chassis)),
-            ("sample", lambda: self._samples[-1] if self._samples else None),
+            ("sample", lambda: self.samples[-1] if self.samples else None),
         ):
             self.parts.add(name, periodic, on_change=False, each_second=True)
         self._running: asyncio.Task[None] | None = None
@@ -177,11 +175,11 @@ class Robot:
         }
 
     @property
-    def no_data(self) -> Text | None:
+    def no_data(self) -> Said | None:
         """Reason why what is known of the robot is out of date; None if it is up to date."""
         if self._failed:
-            return Text("link.failed")
-        return Text("reason.noData", seconds=self.silence) if self.silence else None
+            return page_text("link.failed")
+        return page_text("reason.noData", seconds=self.silence) if self.silence else None
 
     @property
     def is_live(self) -> bool:
@@ -201,11 +199,6 @@ class Robot:
         return "lost" if self.chassis.stats.connects else "not connected"
 
     @property
-    def _map_use(self) -> tuple[Scene, bool]:
-        """Scene and map that the robot uses; True while it is making a map."""
-        return self.view.info.scene, self.view.info.state == robot.kMapping
-
-    @property
     def _link_and_map(self) -> tuple[Any, ...]:
         """Number of connections so far, scene, map and its version."""
         scene = self.view.info.scene
@@ -216,11 +209,6 @@ class Robot:
     def _is_path_valid(self) -> bool:
         """True if the last path was received on this link, for the map that the robot uses now."""
         return self._path_link_and_map == self._link_and_map
-
-    @property
-    def history(self) -> dict[str, Any]:
-        """Answer to the command `history`: the samples of the last half hour, as in `_sample`."""
-        return {"samples": self._samples}
 
     async def plan(self, args: Args) -> dict[str, Any]:
         """Ask the robot how it would drive to a pose, without driving there.
@@ -240,10 +228,9 @@ class Robot:
             without_pose = (NOT_INITIALISED, LOST)
             found = (each.said for each in objections(self.view.info) if each in without_pose)
             reason = next(found, _UNREACHABLE())
-            text = _REFUSED_PATH(reason=reason, text=answer.reason)
-            raise CommandError(Text("reason.said", text=text))
+            raise CommandError(_REFUSED_PATH(reason=reason, text=answer.reason))
         if not isinstance(answer.body, NavPath):
-            raise CommandError(Text("reason.said", text=_NO_PATH(type=answer.type)))
+            raise CommandError(_NO_PATH(type=answer.type))
         points = part_data.points_data(answer.body.path.poses)
         length = sum(map(math.dist, points, points[1:]))
         return {"path": points, "length": round(length, 2)}
@@ -287,9 +274,10 @@ class Robot:
     def _note_code_times(self) -> None:
         """Note the time of each new code, once: the robot's clock may jump later."""
         ahead = 1000.0 * (self.chassis.stats.clock_offset or 0.0)  # ms
-        times = {code_key(code): int(code.time - ahead) for code in self.view.codes}
-        known = self._code_times
-        self._code_times = {key: known.get(key, time) for key, time in times.items()}
+        self._code_times = {
+            key: self._code_times.get(key, int(code.time - ahead))
+            for key, code in self.view.codes.items()
+        }
 
     async def _run(self) -> None:
         loops = [
@@ -318,10 +306,10 @@ class Robot:
             sample = self._sample()
             begin, end = sample[0] - _HISTORY, sample[0]
             # without samples from the future: the clock may have been set back
-            samples = [each for each in self._samples if begin < each[0] < end]
+            samples = [each for each in self.samples if begin < each[0] < end]
             if samples and end - samples[-1][0] > _GAP:
                 samples.append([end - 1, None, None, None, None])
-            self._samples = [*samples, sample]
+            self.samples = [*samples, sample]
             await asyncio.sleep(_SAMPLE_PERIOD)
 
     def _sample(self) -> list[Any]:
@@ -347,14 +335,14 @@ class Robot:
         """Keep the map up to date, and request the path that the robot follows if it is unknown."""
         asking: asyncio.Task[None] | None = None
         while True:
-            if not self._shared.watched:
+            if not self._shared.watched.is_set():
                 self.map.end_subscription()
             # also for a robot that nobody watches: it may have no link when somebody does
-            await self._shared.wait_watched()
-            self.map.update(*self._map_use)
+            await self._shared.watched.wait()
+            self.map.update()
             # robots push the path only when it changes, which may have been before the connection
             lacks_path = part_data.may_navigate(self.view) and not self._is_path_valid
-            if self.parts.watched and lacks_path and (asking is None or asking.done()):
+            if self.parts.watched.is_set() and lacks_path and (asking is None or asking.done()):
                 asking = asyncio.create_task(self._ask(NavPath), name="path")
             await asyncio.sleep(_MAP_PERIOD)
 
@@ -362,7 +350,7 @@ class Robot:
         loop = asyncio.get_running_loop()
         due = -math.inf
         while True:
-            await self.parts.wait_watched()
+            await self.parts.watched.wait()
             due = max(due + 1.0 / self._scan_rate, loop.time())
             await asyncio.sleep(due - loop.time())
             scan = await self._request(ScannerData)
@@ -378,9 +366,9 @@ class Robot:
         received, heard_at = 0, loop.time()  # number of frames, and time of the last one
         asking: asyncio.Task[None] | None = None
         while True:
-            if not self._shared.watched:
+            if not self._shared.watched.is_set():
                 self.silence = 0
-                await self._shared.wait_watched()
+                await self._shared.watched.wait()
                 heard_at = loop.time()
             due = loop.time() + _LISTEN_PERIOD
             await asyncio.sleep(_LISTEN_PERIOD)

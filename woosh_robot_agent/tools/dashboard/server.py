@@ -20,6 +20,7 @@ from urllib.parse import quote
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from woosh_robot_agent.link import LinkConfig, LinkError
+from woosh_robot_agent.link.server import Listener
 from woosh_robot_agent.sentences import Sentence, said_by
 from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.access import (
@@ -33,8 +34,9 @@ from woosh_robot_agent.tools.dashboard.commands import COMMANDS, Args, CommandEr
 from woosh_robot_agent.tools.dashboard.control import STOP, Control, ControlConfig, Outcome
 from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import READ_ONLY, Robot
-from woosh_robot_agent.tools.dashboard.texts import PAGE, Text, translated, value_data
+from woosh_robot_agent.tools.dashboard.texts import PAGE, page_text, translated, value_data
 from woosh_robot_agent.tools.dashboard.viewer import Viewer
+from woosh_robot_agent.tools.options import own_address
 
 _LOG = logging.getLogger(__name__)
 _METHODS = ("GET", "HEAD")
@@ -134,8 +136,7 @@ class Dashboard:
         """Tells the page whether its files have changed since it was opened."""
         self._opening: dict[LimitedConnection, None] = {}
         """Connections that are not WebSockets (yet), as in `LimitedConnection`."""
-        self._http: web.Server | None = None
-        self._server: asyncio.Server | None = None
+        self._listener: Listener | None = None
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Dashboard:
@@ -159,14 +160,14 @@ class Dashboard:
             keepalive_timeout=_KEEPALIVE_TIMEOUT,
             lingering_time=0.0,
         )
-        self._server = await loop.create_server(
+        server = await loop.create_server(
             lambda: LimitedConnection(http(), self._opening),
             config.host,
             config.port,
             ssl=config.tls,
         )
-        self._http = http
-        self._access.port = self._server.sockets[0].getsockname()[1]
+        self._listener = Listener(server, http)
+        self._access.port = self._listener.port
         for robot in self.robots:
             robot.start()
         for robot, control in self._controls.items():
@@ -192,11 +193,10 @@ class Dashboard:
         await asyncio.gather(*map(self._stop_driving, self._controls))
         for task in self._tasks:
             task.cancel()
-        if self._server is not None and self._http is not None:
-            self._server.close()
-            for viewer in self._viewers:
-                viewer.dismiss(WSCloseCode.GOING_AWAY, "the dashboard has ended")
-            await self._http.shutdown(_CLOSE_TIMEOUT)
+        for viewer in self._viewers:
+            viewer.dismiss(WSCloseCode.GOING_AWAY, "the dashboard has ended")
+        if self._listener is not None:
+            await self._listener.close()
         await asyncio.gather(*(robot.close() for robot in self.robots))
 
     async def _stop_driving(self, robot: Robot) -> None:
@@ -323,6 +323,7 @@ class Dashboard:
             connection.is_writable,
             self._viewer_count,
             self._shared,
+            self.robots[0],
             may_control=may_control,
         )
         self._viewers.add(viewer)
@@ -410,7 +411,7 @@ class Dashboard:
                 viewer.set_visible(visible)
             case {"do": "release"}:
                 self._release(viewer)
-            case {"do": "drive"} if viewer.robot and viewer.may_control:
+            case {"do": "drive"} if viewer.may_control:
                 self._controls[viewer.robot].drive(viewer, message)
             case {
                 "do": "command",
@@ -430,10 +431,10 @@ class Dashboard:
         try:
             interrupts = name == STOP or (name in COMMANDS and COMMANDS[name].interrupts)
             if len(viewer.commands) >= _MAX_COMMANDS and not interrupts:
-                raise CommandError(Text("reason.tooManyCommands"))
+                raise CommandError(page_text("reason.tooManyCommands"))
             execution = self._execution(viewer, name, args, clock)
         except CommandError as error:
-            self._reply(viewer, id_, Outcome(False, error.text))
+            self._reply(viewer, id_, Outcome(False, said_by(error)))
             return
 
         async def execute() -> None:
@@ -445,7 +446,7 @@ class Dashboard:
 
     def _reply(self, viewer: Viewer, id_: int, outcome: Outcome) -> None:
         ok, text, data = outcome
-        viewer.note(part="reply", id=id_, ok=ok, text=text.data, data=data)
+        viewer.note(part="reply", id=id_, ok=ok, text=value_data(text), data=data)
 
     def _execution(
         self, viewer: Viewer, name: str, args: Args, clock: int
@@ -458,11 +459,10 @@ class Dashboard:
             CommandError: the command is refused.
         """
         robot = viewer.robot
-        assert robot is not None  # `_serve` has called `_watch`
         if name == "history":
             return self._history(robot)
         if not viewer.may_control:
-            raise CommandError(Text("reason.lookOnly") if self._config.control else READ_ONLY)
+            raise CommandError(page_text("reason.lookOnly") if self._config.control else READ_ONLY)
         if name in self._more_commands:
             return self._run_more(name, args)
         if name == "plan":
@@ -470,15 +470,13 @@ class Dashboard:
         return self._controls[robot].command(viewer, name, args, clock)
 
     async def _history(self, robot: Robot) -> Outcome:
-        return Outcome(True, Text("reply.done"), robot.history)
+        return Outcome(True, page_text("reply.done"), {"samples": robot.samples})
 
     async def _plan(self, robot: Robot, args: Args) -> Outcome:
         try:
-            return Outcome(True, Text("reply.done"), await robot.plan(args))
-        except CommandError as error:
-            return Outcome(False, error.text)
-        except LinkError as error:
-            return Outcome(False, Text("reason.said", text=said_by(error)))
+            return Outcome(True, page_text("reply.done"), await robot.plan(args))
+        except (CommandError, LinkError) as error:
+            return Outcome(False, page_text("reason.said", text=said_by(error)))
 
     async def _run_more(self, name: str, args: Args) -> Outcome:
         outcome = self._more_commands[name](args)
@@ -495,13 +493,10 @@ def _reachable(host: str) -> str:
     elsewhere = {"0.0.0.0": "192.0.2.1", "::": "2001:db8::1"}  # reserved for documentation
     if host not in elsewhere:
         return host
-    family = socket.AF_INET if host == "0.0.0.0" else socket.AF_INET6
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect((elsewhere[host], 9))  # sends nothing; chooses the network
-        except OSError:  # this machine has no network of this family
-            return socket.gethostname()
-        return str(probe.getsockname()[0])
+    try:
+        return own_address(elsewhere[host], 9)
+    except OSError:  # this machine has no network of this family
+        return socket.gethostname()
 
 
 def _parse(text: str) -> Any:

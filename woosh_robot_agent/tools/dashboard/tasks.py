@@ -38,10 +38,8 @@ class _Task:
             and also if the task has ended without a report of its end; then `changed` is set.
         place: destination, in metres; None if unknown, e.g. if the robot reported only the number
             of a mark.
-        scene: scene that the robot used when the task was given or first seen; empty if the task
-            was first seen after its end.
-        map: map that the robot used then; empty in the same case.
-        version: version of this map, as in the part `robot`; empty in the same case.
+        map: the map that the robot used when the task was given or first seen, from `map_data`;
+            with empty values if the task was first seen after its end.
         begun: Unix time at which the task was given or first seen, in milliseconds; 0 if unknown.
         changed: Unix time at which the task got its present state, or at which its unreported end
             was noticed, in milliseconds; 0 before.
@@ -52,9 +50,7 @@ class _Task:
     known: bool = False
     report: TaskProc = field(default_factory=TaskProc)
     place: tuple[float, float] | None = None
-    scene: str = ""
-    map: str = ""
-    version: str = ""
+    map: dict[str, str] = field(default_factory=lambda: {"scene": "", "map": "", "version": ""})
     begun: int = 0
     changed: int = 0
 
@@ -88,7 +84,7 @@ class TaskLog:
         given = _Task({"name": command, "args": dict(args)}, by, begun=part_data.now())
         if command == "go":
             given.place = args["x"], args["y"]
-        self._note_map(given)
+        given.map = part_data.map_data(self._robot.view.info.scene)
         self._tasks[task_id] = given
 
     def running(self) -> dict[str, Any] | None:
@@ -146,7 +142,7 @@ class TaskLog:
             known = self._tasks[report.robot_task_id] = _Task()
             if is_unfinished(report):
                 known.begun = reported
-                self._note_map(known)
+                known.map = part_data.map_data(self._robot.view.info.scene)
                 # after the other consumers of this report, which know who drives
                 asyncio.get_running_loop().call_soon(self._note_driver, known)
         if known.report.state != report.state:
@@ -163,11 +159,6 @@ class TaskLog:
             if navigates and each.command.get("name") != "go":  # a go has its place already
                 each.place = end[0][0], end[0][1]
                 self._robot.parts.changed()
-
-    def _note_map(self, begun: _Task) -> None:
-        used = self._robot.view.info.scene
-        begun.scene, begun.map = used.scene_name, used.map_name
-        begun.version = str(used.version)
 
     def _note_driver(self, begun: _Task) -> None:
         if begun.runs and self._robot.chassis.state is LinkState.READY:
@@ -192,9 +183,7 @@ class TaskLog:
             "running": each.runs,
             "text": report.msg,
             "code": self._failure(report) if failed else None,
-            "scene": each.scene,
-            "map": each.map,
-            "version": each.version,
+            **each.map,
             "begun": each.begun,
             "changed": each.changed,
             "by": each.by,
@@ -203,7 +192,7 @@ class TaskLog:
 
     def _failure(self, report: TaskProc) -> dict[str, Any] | None:
         """Return the status code that gives the reason of a failed task; None if unknown."""
-        for code in reversed(self._robot.view.codes):
+        for code in reversed(self._robot.view.codes.values()):
             of_task = code.robot_task_id == report.robot_task_id
             at_its_end = not code.robot_task_id and (
                 abs(code.time / 1000.0 - report.time) < _SAME_MOMENT

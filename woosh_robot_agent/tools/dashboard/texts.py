@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 from pathlib import Path
-from typing import Any, Union
+from typing import Any
 
 from woosh_robot_agent.sentences import SENTENCES, Said, Sentence
 
@@ -15,40 +15,18 @@ _REQUEST = Sentence("the request")
 """Stands for the name of a request's type, which means nothing to viewers."""
 _TYPES = "woosh."
 """Beginning of the full names of all protobuf types of the robot."""
-Value = Union[str, int, float, "Text"]
-"""Type of the values in a text. The page translates a `Text` and a `Said`, which is a str."""
 
 
-class Text:
-    """A text in `page/texts/en.json` and `page/texts/zh.json`, which have the same keys.
+def page_text(key: str, **values: str | int) -> Said:
+    """Return a text of `page/texts/en.json` and `page/texts/zh.json`, which have the same keys."""
+    return Said(_texts("en")[key].format_map(values), key, values)
 
-    `str` returns the text in English.
 
-    Args:
-        **values: values for the placeholders of the text, by name.
+def value_data(value: str | int) -> Any:
+    """Return a value for JSON: a `Said` as its key, its values and its English text.
+
+    The page shows the English text if it has no translation.
     """
-
-    def __init__(self, key: str, **values: Value) -> None:
-        self._key = key
-        self._values = values
-
-    def __str__(self) -> str:
-        return english()[self._key].format_map({name: str(v) for name, v in self._values.items()})
-
-    @property
-    def data(self) -> dict[str, Any]:
-        """The key and the values, for JSON."""
-        values = {name: value_data(value) for name, value in self._values.items()}
-        return {"key": self._key, "values": values}
-
-
-def value_data(value: Value) -> Any:
-    """Return a value for JSON: a `Text` or `Said` as its key and values, others unchanged.
-
-    A `Said` also has its English text, which the page shows if it has no translation.
-    """
-    if isinstance(value, Text):
-        return value.data
     if isinstance(value, Said):
         value = _without_types(value)
         values = {name: value_data(each) for name, each in value.values.items()}
@@ -58,8 +36,6 @@ def value_data(value: Value) -> Any:
 
 def _without_types(said: Said) -> Said:
     """Return a text with "the request" in place of the name of a request's type."""
-    if said.key not in SENTENCES:  # a name, not a sentence with values
-        return said
     values: dict[str, str | int] = {}
     for name, each in said.values.items():
         is_type = name == "name" and str(each).startswith(_TYPES)
@@ -67,7 +43,8 @@ def _without_types(said: Said) -> Said:
         values[name] = _REQUEST() if is_type else inner
     if values == said.values:
         return said
-    return Said(said.key.format_map(values), said.key, values)
+    pattern = said.key if said.key in SENTENCES else _texts("en")[said.key]
+    return Said(pattern.format_map(values), said.key, values)
 
 
 def translated(text: str, languages: str) -> str:
@@ -80,11 +57,6 @@ def translated(text: str, languages: str) -> str:
     if not isinstance(text, Said) or text.key not in SENTENCES or not languages.startswith("zh"):
         return text
     return _texts("said.zh")[text.key].format_map(text.values)
-
-
-def english() -> dict[str, str]:
-    """Return the English texts, by key."""
-    return _texts("en")
 
 
 @functools.cache

@@ -12,9 +12,10 @@ from typing import Any
 from aiohttp import web
 
 from woosh_robot_agent.link.tasks import abort_transport
+from woosh_robot_agent.sentences import Said
 from woosh_robot_agent.tools.dashboard.parts import Parts
 from woosh_robot_agent.tools.dashboard.robot import Robot
-from woosh_robot_agent.tools.dashboard.texts import Text
+from woosh_robot_agent.tools.dashboard.texts import value_data
 
 _MAX_NOTES = 100
 """Maximum number of waiting notes and parts. One more note disconnects the viewer."""
@@ -38,7 +39,7 @@ class Viewer:
     Attributes:
         name: name of the viewer, for other viewers: its number and its address.
         may_control: True if the viewer may command robots.
-        robot: the robot that the viewer watches; None before the first call of `watch`.
+        robot: the robot that the viewer watches, from the first call of `watch` on.
         visible: False while the page is hidden.
         commands: asyncio tasks of the commands in flight; maintained by the server.
         heard_at: loop time of the last message from the page, or of its connection; updated by the
@@ -56,6 +57,7 @@ class Viewer:
         is_writable: asyncio.Event,
         number: int,
         shared: Parts,
+        robot: Robot,
         *,
         may_control: bool,
     ) -> None:
@@ -66,7 +68,7 @@ class Viewer:
         address = transport.get_extra_info("peername")
         self.name = f"{number} ({address[0]})" if address else str(number)
         self.may_control = may_control
-        self.robot: Robot | None = None
+        self.robot = robot
         self.visible = True
         self.commands: set[asyncio.Task[None]] = set()
         self.press = -1
@@ -104,20 +106,15 @@ class Viewer:
 
     def unwatch(self) -> None:
         """Send no more parts."""
-        for parts in self._sources:
+        for parts in (self._shared, self.robot.parts):
             parts.unwatch(self)
             for waiting in (self._stale, self._begun):
                 for part in [each for each in waiting if each[0] is parts]:
                     waiting.pop(part)
 
-    @property
-    def _sources(self) -> list[Parts]:
-        """The `Parts` objects whose parts the viewer gets."""
-        return [self._shared] if self.robot is None else [self._shared, self.robot.parts]
-
     def _watch(self) -> None:
-        if self.visible and self.robot is not None:
-            for parts in self._sources:
+        if self.visible:
+            for parts in (self._shared, self.robot.parts):
                 parts.watch(self, partial(self._changed, parts))
 
     def note(self, **content: Any) -> None:
@@ -149,10 +146,10 @@ class Viewer:
         self._is_time_due = True
         self._wake.set()
 
-    def end_press(self, press: int, reason: Text) -> None:
+    def end_press(self, press: int, reason: Said) -> None:
         """End a press of the stick, and tell the page why."""
         self.ended_press = max(self.ended_press, press)
-        self.note(part="stick", data=reason.data)
+        self.note(part="stick", data=value_data(reason))
 
     async def send(self) -> None:
         """Send notes, the time and changed parts, until the WebSocket ends or this is cancelled."""

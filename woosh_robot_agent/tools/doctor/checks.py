@@ -6,7 +6,8 @@ import asyncio
 import errno
 import socket
 import time
-from dataclasses import dataclass
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.util import robot_pb2 as robot
-from woosh_robot_agent.robot.clock import describe_offset
+from woosh_robot_agent.robot.clock import TOLERANCE, describe_offset
 from woosh_robot_agent.robot.readiness import (
     CONTROL_MODES,
     DEPLOYMENT,
@@ -40,7 +41,7 @@ from woosh_robot_agent.robot.readiness import (
     pose_problem,
 )
 from woosh_robot_agent.robot.status_codes import explained
-from woosh_robot_agent.tools.options import Address, link_arguments
+from woosh_robot_agent.tools.options import Address, link_arguments, own_address
 
 
 class Status(Enum):
@@ -76,6 +77,67 @@ class CheckFailedError(Exception):
         self.result = Result(Status.FAIL, text, remedy)
 
 
+CHECKS = (
+    "network",
+    "port",
+    "handshake",
+    "RobotInfo",
+    "mode",
+    "initialisation",
+    "localisation",
+    "emergency stop",
+    "taskable",
+    "status codes",
+    "clock",
+)
+"""Names of the checks of the robot, in order."""
+NOT_REACHED = "not checked, because an earlier check failed"
+"""Text of the checks that were not reached."""
+
+
+async def examine(config: LinkConfig, max_skew: float = TOLERANCE) -> AsyncIterator[Result]:
+    """Check one robot; yield the result of each of `CHECKS` as soon as it is known.
+
+    `max_skew` is the maximum difference of the clocks, in seconds.
+    """
+    names = iter(CHECKS)
+    try:
+        async for result in _run_checks(config, max_skew):
+            yield replace(result, check=next(names))
+    except CheckFailedError as error:
+        yield replace(error.result, check=next(names))
+    for name in names:
+        yield Result(Status.SKIPPED, NOT_REACHED, check=name)
+
+
+async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Result]:
+    """Yield the results in the order of `CHECKS`, without the names of the checks."""
+    address, closed_reason = await _find_reachable(config)
+    yield Result(Status.OK, f"{address.ip} is reachable from {own_address(*address)}")
+    if closed_reason:
+        raise CheckFailedError(
+            f"port {config.effective_port} is closed: {closed_reason}",
+            "check --ip and --transport; if they are right, the robot's program is not running: "
+            "wait until it has started, or switch the robot off and on",
+        )
+    yield Result(Status.OK, f"{config.effective_port} is open")
+    transport = await _open_link(config)
+    try:
+        is_tcp = config.transport == "tcp"
+        yield Result(Status.OK, "not needed over tcp" if is_tcp else "the WebSocket is open")
+        answer = await _request_robot_info(transport, config)
+    finally:
+        await transport.close(config.close_timeout)
+    yield _check_identity(answer)
+    yield check_mode(answer.info)
+    yield check_initialisation(answer.info)
+    yield check_localisation(answer.info)
+    yield _check_emergency_stop(answer.info)
+    yield _check_taskable(answer.info)
+    yield check_codes(answer.info)
+    yield _check_clock(answer, max_skew)
+
+
 _MAX_BODY = 64 * 1024 * 1024
 """Number of bytes after which the rest of an HTTP response is not read."""
 _SN = 1
@@ -96,7 +158,7 @@ class RobotInfoAnswer(NamedTuple):
     round_trip: float
 
 
-async def request_robot_info(transport: Transport, config: LinkConfig) -> RobotInfoAnswer:
+async def _request_robot_info(transport: Transport, config: LinkConfig) -> RobotInfoAnswer:
     """Request RobotInfo.
 
     Raises:
@@ -181,7 +243,7 @@ def _robot_info_in(codec: Codec, answer: Envelope, config: LinkConfig) -> RobotI
         ) from None
 
 
-def check_identity(answer: RobotInfoAnswer) -> Result:
+def _check_identity(answer: RobotInfoAnswer) -> Result:
     """Report which robot has answered; never fails."""
     general = answer.info.genral  # spelled so in the robot's messages
     parts = [
@@ -193,7 +255,7 @@ def check_identity(answer: RobotInfoAnswer) -> Result:
     return Result(Status.OK, ", ".join(part for part in parts if part))
 
 
-def check_clock(answer: RobotInfoAnswer, max_skew: float) -> Result:
+def _check_clock(answer: RobotInfoAnswer, max_skew: float) -> Result:
     """Check that the clocks differ by no more than `max_skew` seconds."""
     if answer.skew is None:
         return Result(
@@ -213,7 +275,7 @@ def check_clock(answer: RobotInfoAnswer, max_skew: float) -> Result:
     )
 
 
-async def find_reachable(config: LinkConfig) -> tuple[Address, str]:
+async def _find_reachable(config: LinkConfig) -> tuple[Address, str]:
     """Return the first address of the robot with an open port, or else a reachable address.
 
     A name can have several addresses, and the robot need not listen on the first one.
@@ -271,15 +333,7 @@ def _unreachable_error(config: LinkConfig, address: Address, error: OSError) -> 
     )
 
 
-def own_address(address: Address) -> str:
-    """Return this computer's address on the route to `address`; sends nothing."""
-    family, *_, target = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
-        probe.connect(target)
-        return str(probe.getsockname()[0])
-
-
-async def open_link(config: LinkConfig) -> Transport:
+async def _open_link(config: LinkConfig) -> Transport:
     """Open the configured transport.
 
     Raises:
@@ -455,7 +509,7 @@ def check_localisation(info: RobotInfo) -> Result:
     return Result(Status.OK, "the robot knows its position")
 
 
-def check_emergency_stop(info: RobotInfo) -> Result:
+def _check_emergency_stop(info: RobotInfo) -> Result:
     """Check that the emergency stop is released."""
     if not info.HasField("device_state"):
         return _NOT_REPORTED
@@ -464,7 +518,7 @@ def check_emergency_stop(info: RobotInfo) -> Result:
     return Result(Status.OK, "not pressed")
 
 
-def check_taskable(info: RobotInfo) -> Result:
+def _check_taskable(info: RobotInfo) -> Result:
     """Check whether the robot would accept a new task."""
     reported_above = {*_MODE_OBJECTIONS, NOT_INITIALISED, LOST, EMERGENCY_STOP}  # by other checks
     found = all_objections(info)

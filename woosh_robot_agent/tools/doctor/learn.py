@@ -22,15 +22,8 @@ from woosh_robot_agent.endpoints import QUERIES
 from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
+from woosh_robot_agent.pb.robot import robot_pb2 as robot
 from woosh_robot_agent.pb.robot.robot_count_pb2 import Operation
-from woosh_robot_agent.pb.robot.robot_pb2 import (
-    Battery,
-    General,
-    Model,
-    PoseSpeed,
-    ScannerData,
-    TaskProc,
-)
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER, Profile
 from woosh_robot_agent.simulator.refusals import REFUSALS, REQUEST_FAILED
@@ -40,6 +33,7 @@ from woosh_robot_agent.tools.doctor.observations import (
     codes_in,
     of_busiest_connection,
 )
+from woosh_robot_agent.tools.options import ToolError
 
 REFERENCE = "tr200"
 """Profile from which values are taken that cannot be learned."""
@@ -109,7 +103,7 @@ _MAX_SIZE = 100_000
 
 def _model(seen: Observations) -> _Found:
     """Yield names, sizes and outline of the robot's model, from the last General and Model."""
-    general, count = seen.latest(General)
+    general, count = seen.latest(robot.General)
     if general:
         texts = {"display_model": general.display_model, "urdf_name": general.urdf_name}
         sizes = {each.name: value for each, value in general.model_data.ListFields()}
@@ -117,7 +111,7 @@ def _model(seen: Observations) -> _Found:
             if value and (isinstance(value, str) or value <= _MAX_SIZE):
                 clean = printable(value) if isinstance(value, str) else value
                 yield ("model", name), Learned(clean, count)
-    model, count = seen.latest(Model)
+    model, count = seen.latest(robot.Model)
     if model and len(model.model) > 2:
         corners = [[round(each.x, 3), round(each.y, 3)] for each in model.model]
         yield ("model", "outline"), Learned(corners, count)
@@ -137,7 +131,7 @@ _FIRST_REPORTS = 8
 
 def _first_reports(seen: Observations) -> _Found:
     """Yield the times from the answer to a task to its first report."""
-    reports = seen.pushed(TaskProc)
+    reports = seen.pushed(robot.TaskProc)
     times = []
     for each in seen.accepted(pack.ExecTask) + seen.accepted(pack.ExecPreTask):
         if each.request_body is None:
@@ -158,7 +152,7 @@ def _first_reports(seen: Observations) -> _Found:
 
 def _order_effects(seen: Observations) -> _Found:
     """Yield the distribution of the times from sending an ActionOrder to the next TaskProc."""
-    reports = seen.pushed(TaskProc)
+    reports = seen.pushed(robot.TaskProc)
     effects = []
     for order in seen.accepted(pack.ActionOrder):
         sent_at = order.t - order.delay
@@ -176,7 +170,7 @@ def _empty_reports(seen: Observations) -> _Found:
     """
     empty = [
         later - t
-        for (t, proc), (later, after) in pairwise(seen.pushed(TaskProc))
+        for (t, proc), (later, after) in pairwise(seen.pushed(robot.TaskProc))
         if proc.state in _ENDED and not after.robot_task_id and later - t <= _MAX_EMPTY
     ]
     if empty:
@@ -245,12 +239,12 @@ _MIN_PERIOD_RATIO = 0.7
 
 def _rates(seen: Observations) -> _Found:
     """Yield the times between two pushes of PoseSpeed, Battery or Operation, and between scans."""
-    moving = _gaps([t for t, _ in seen.pushed(PoseSpeed)], ignore_above=_MAX_GAP_MOVING)
+    moving = _gaps([t for t, _ in seen.pushed(robot.PoseSpeed)], ignore_above=_MAX_GAP_MOVING)
     if len(moving) >= _MIN_SAMPLES:
         yield ("rates", "pose_speed"), _median(moving)
     yield from _scan_rates(seen)
     # a push without a change is a periodic one
-    batteries = seen.pushed(Battery)
+    batteries = seen.pushed(robot.Battery)
     repeated = [after - t for (t, one), (after, two) in pairwise(batteries) if one == two]
     if len(repeated) >= _MIN_SAMPLES:
         yield ("rates", "battery"), _interval(repeated)
@@ -309,7 +303,7 @@ def _scan_period(seen: Observations) -> Learned | None:
 
 def _laser(seen: Observations) -> _Found:
     """Yield the geometry of the laser, from the last scan."""
-    scan, count = seen.latest(ScannerData)
+    scan, count = seen.latest(robot.ScannerData)
     if scan is None:
         return
     values: dict[str, float] = {}
@@ -337,7 +331,7 @@ _MAX_START = 3.0
 
 def _speeds(seen: Observations) -> _Found:
     """Yield the maximum speeds."""
-    twists = [each.twist for _, each in seen.pushed(PoseSpeed)]
+    twists = [each.twist for _, each in seen.pushed(robot.PoseSpeed)]
     for name, speeds in (
         ("max_speed", [abs(each.linear) for each in twists if abs(each.linear) > _STANDING]),
         ("max_turn_rate", [abs(each.angular) for each in twists if abs(each.angular) > _STANDING]),
@@ -348,7 +342,7 @@ def _speeds(seen: Observations) -> _Found:
 
 def _start_delays(seen: Observations) -> _Found:
     """Yield the median time from the first velocity to a standing robot to its first motion."""
-    poses = seen.pushed(PoseSpeed)
+    poses = seen.pushed(robot.PoseSpeed)
     start_delays, last_sent_at = [], -math.inf
     for velocity in seen.accepted(pack.Twist):
         if velocity.request_body == pack.Twist():  # a stop
@@ -370,7 +364,7 @@ def _start_delays(seen: Observations) -> _Found:
 
 def _battery(seen: Observations) -> _Found:
     """Yield the constants in the last Battery."""
-    battery, count = seen.latest(Battery)
+    battery, count = seen.latest(robot.Battery)
     if battery:
         # a profile takes no negative values
         for name in ("health", "charge_cycle", "battery_cycle", "temp_max"):
@@ -607,12 +601,12 @@ def observe_recording(path: Path) -> Observations:
         DataFileError: the recording cannot be read.
     """
     # imported here, because it needs mcap, and surveys do not
-    from woosh_robot_agent.tools.recording.layout import Frame, RecordingError
+    from woosh_robot_agent.tools.recording.layout import Frame
     from woosh_robot_agent.tools.recording.reader import read_recording
 
     try:
         recording = read_recording(path)
-    except RecordingError as error:
+    except ToolError as error:
         raise DataFileError(str(error)) from None
     return Observations(
         SeenFrame(recording.started + each.t, each.connection, each.sender == "chassis", each.data)

@@ -5,95 +5,22 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.reports import printable
-from woosh_robot_agent.link.tasks import run_main
-from woosh_robot_agent.robot.clock import TOLERANCE
-from woosh_robot_agent.tools.doctor import SurveyError
-from woosh_robot_agent.tools.doctor.checks import (
-    CheckFailedError,
-    Result,
-    Status,
-    check_clock,
-    check_codes,
-    check_emergency_stop,
-    check_identity,
-    check_initialisation,
-    check_localisation,
-    check_mode,
-    check_taskable,
-    find_reachable,
-    open_link,
-    own_address,
-    request_robot_info,
-)
+from woosh_robot_agent.tools.doctor.checks import CHECKS, NOT_REACHED, Result, Status, examine
 from woosh_robot_agent.tools.doctor.ros_graph import check_subscribers
-from woosh_robot_agent.tools.options import above_zero, add_link_options, link_config, tool_parser
-
-CHECKS = (
-    "network",
-    "port",
-    "handshake",
-    "RobotInfo",
-    "mode",
-    "initialisation",
-    "localisation",
-    "emergency stop",
-    "taskable",
-    "status codes",
-    "clock",
+from woosh_robot_agent.tools.options import (
+    ToolError,
+    above_zero,
+    add_link_options,
+    link_config,
+    run_tool,
+    tool_parser,
 )
-"""Names of the checks of the robot, in order."""
-NOT_REACHED = "not checked, because an earlier check failed"
-"""Text of the checks that were not reached."""
-
-
-async def examine(config: LinkConfig, max_skew: float = TOLERANCE) -> AsyncIterator[Result]:
-    """Check one robot; yield the result of each of `CHECKS` as soon as it is known.
-
-    `max_skew` is the maximum difference of the clocks, in seconds.
-    """
-    names = iter(CHECKS)
-    try:
-        async for result in _run_checks(config, max_skew):
-            yield replace(result, check=next(names))
-    except CheckFailedError as error:
-        yield replace(error.result, check=next(names))
-    for name in names:
-        yield Result(Status.SKIPPED, NOT_REACHED, check=name)
-
-
-async def _run_checks(config: LinkConfig, max_skew: float) -> AsyncIterator[Result]:
-    """Yield the results in the order of `CHECKS`, without the names of the checks."""
-    address, closed_reason = await find_reachable(config)
-    yield Result(Status.OK, f"{address.ip} is reachable from {own_address(address)}")
-    if closed_reason:
-        raise CheckFailedError(
-            f"port {config.effective_port} is closed: {closed_reason}",
-            "check --ip and --transport; if they are right, the robot's program is not running: "
-            "wait until it has started, or switch the robot off and on",
-        )
-    yield Result(Status.OK, f"{config.effective_port} is open")
-    transport = await open_link(config)
-    try:
-        is_tcp = config.transport == "tcp"
-        yield Result(Status.OK, "not needed over tcp" if is_tcp else "the WebSocket is open")
-        answer = await request_robot_info(transport, config)
-    finally:
-        await transport.close(config.close_timeout)
-    yield check_identity(answer)
-    yield check_mode(answer.info)
-    yield check_initialisation(answer.info)
-    yield check_localisation(answer.info)
-    yield check_emergency_stop(answer.info)
-    yield check_taskable(answer.info)
-    yield check_codes(answer.info)
-    yield check_clock(answer, max_skew)
-
 
 _MINUTES = 2.0
 """Default duration of a survey, in minutes."""
@@ -148,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("--minutes and --with-names need --survey")
     if options.survey and (config.transport, config.encoding) != ("websocket", "json"):
         parser.error("--survey needs --transport websocket and --encoding json")
-    return run_main(_run(config, options))
+    return run_tool(_run(config, options))
 
 
 def _minutes(text: str) -> float:
@@ -159,28 +86,28 @@ def _minutes(text: str) -> float:
 
 
 async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
-    """Run the checks, and with --survey the survey; return the exit status."""
-    try:
-        if options.survey:
-            from woosh_robot_agent.tools.doctor import survey  # slow to load, and seldom needed
+    """Run the checks, and with --survey the survey; return the exit status.
 
-            survey.check_folder(options.survey)
-        results = await _examine_and_print(config, quiet=options.json)
-        failed = any(result.status is Status.FAIL for result in results)
-        if options.json:
-            print(json.dumps(_as_json(config, results, failed), indent=2))
-        if options.survey:
-            # RobotInfo is the first check that needs the open link
-            if any(each.check == "RobotInfo" and each.text == NOT_REACHED for each in results):
-                raise SurveyError("no survey, because the link to the robot does not open")
-            minutes = options.minutes or _MINUTES
-            text = await survey.survey(
-                config, options.survey, minutes=minutes, with_names=options.with_names
-            )
-            print(text, file=sys.stderr if options.json else None)
-    except SurveyError as error:
-        print(printable(f"error: {error}"), file=sys.stderr)
-        return 1
+    Raises:
+        ToolError: the survey cannot be made, or its folder cannot be written.
+    """
+    if options.survey:
+        from woosh_robot_agent.tools.doctor import survey  # slow to load, and seldom needed
+
+        survey.check_folder(options.survey)
+    results = await _examine_and_print(config, quiet=options.json)
+    failed = any(result.status is Status.FAIL for result in results)
+    if options.json:
+        print(json.dumps(_as_json(config, results, failed), indent=2))
+    if options.survey:
+        # RobotInfo is the first check that needs the open link
+        if any(each.check == "RobotInfo" and each.text == NOT_REACHED for each in results):
+            raise ToolError("no survey, because the link to the robot does not open")
+        minutes = options.minutes or _MINUTES
+        text = await survey.survey(
+            config, options.survey, minutes=minutes, with_names=options.with_names
+        )
+        print(text, file=sys.stderr if options.json else None)
     return int(failed)
 
 
@@ -195,7 +122,7 @@ async def _examine_and_print(config: LinkConfig, *, quiet: bool) -> list[Result]
             print(_line(result), flush=True)
     # one line for all of them, at the end
     not_reached = [result.check for result in results if result.text == NOT_REACHED]
-    results.append(await check_subscribers())
+    results.append(replace(await check_subscribers(), check="subscribers"))
     if not quiet:
         print(_line(results[-1]))
         if not_reached:

@@ -25,21 +25,21 @@ async def check_subscribers(domain: int | None = None) -> Result:
     try:
         from woosh_robot_agent.tools.ros_node import NodeThread
     except ImportError as error:
-        return _result(Status.SKIPPED, import_problem(error) or str(error))
+        return Result(Status.SKIPPED, import_problem(error) or str(error))
     try:
         thread = NodeThread(f"doctor_{os.getpid()}", "", domain=domain)
     except Exception as error:  # its type is rclpy's
-        return _result(Status.SKIPPED, f"no ROS node can be started: {error}")
+        return Result(Status.SKIPPED, f"no ROS node can be started: {error}")
     try:
         await asyncio.sleep(_DISCOVERY_TIME)
         found, agents = _volatile_subscribers(thread.node)
     finally:
         thread.close()
     if not agents:
-        return _result(Status.SKIPPED, "no agent runs in this ROS domain")
+        return Result(Status.SKIPPED, "no agent runs in this ROS domain")
     if not found:
-        return _result(Status.OK, "all subscribers of latched topics get the last value")
-    return _result(
+        return Result(Status.OK, "all subscribers of latched topics get the last value")
+    return Result(
         Status.WARN,
         f"these nodes get nothing until the robot's state changes: {', '.join(found)}",
         "let them subscribe with the durability TRANSIENT_LOCAL, see docs/migration.md",
@@ -74,7 +74,3 @@ def _volatile_subscribers(node: Any) -> tuple[list[str], set[str]]:
 
 def _full_name(endpoint: Any) -> str:
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
-
-
-def _result(status: Status, text: str, remedy: str = "") -> Result:
-    return Result(status, text, remedy, "subscribers")

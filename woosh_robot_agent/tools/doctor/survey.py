@@ -22,14 +22,8 @@ from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, FrameError
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
 from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
+from woosh_robot_agent.pb.map import map_pack_pb2 as pack
 from woosh_robot_agent.pb.map import mark_pb2
-from woosh_robot_agent.pb.map.map_pack_pb2 import (
-    Download,
-    SceneData,
-    SceneDataEasy,
-    SceneMd5,
-    SceneSync,
-)
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Find, Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, ScannerData, Scene
@@ -37,12 +31,11 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.robot.readiness import is_located
-from woosh_robot_agent.tools.doctor import SurveyError
 from woosh_robot_agent.tools.doctor.checks import HttpAnswer, ask_over_http
 from woosh_robot_agent.tools.doctor.learn import SURVEY_FILE
 from woosh_robot_agent.tools.doctor.observations import AnsweredRequest, Observations, SeenFrame
 from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, markdown, results
-from woosh_robot_agent.tools.options import stop_event
+from woosh_robot_agent.tools.options import ToolError, stop_event
 from woosh_robot_agent.tools.progress import progress_bar
 
 _EMPTY_REQUESTS = tuple(
@@ -55,7 +48,7 @@ _EMPTY_REQUESTS = tuple(
             full_name(Storages),
         )
     )
-    if name != full_name(SceneDataEasy)
+    if name != full_name(pack.SceneDataEasy)
 )
 """Types that are requested without content in each round; SceneDataEasy needs the name of a scene.
 Pushed types can be requested, too: a request without content cannot change anything."""
@@ -195,11 +188,11 @@ class _Survey:
             scene = self._scene
             large: list[Message] = [
                 CountData(req_type=CountData.kGet),
-                SceneDataEasy(name=scene),
-                SceneData(name=scene),
-                SceneMd5(scene_name=scene),
-                SceneSync(),
-                Download(scene_name=scene),
+                pack.SceneDataEasy(name=scene),
+                pack.SceneData(name=scene),
+                pack.SceneMd5(scene_name=scene),
+                pack.SceneSync(),
+                pack.Download(scene_name=scene),
             ]
             if self._pose and self._mark.HasField("pose"):
                 pose = self._mark.pose
@@ -277,22 +270,22 @@ def check_folder(folder: Path) -> None:
     """Check that a folder is empty, or does not exist.
 
     Raises:
-        SurveyError: it is not empty, not a folder, or cannot be read.
+        ToolError: it is not empty, not a folder, or cannot be read.
     """
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise SurveyError(f"{folder} is not empty: give --survey a new folder")
+            raise ToolError(f"{folder} is not empty: give --survey a new folder")
     except OSError as error:
-        raise SurveyError(f"{folder}: {error.strerror}") from None
+        raise ToolError(f"{folder}: {error.strerror}") from None
 
 
 @contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Raise SurveyError if the block cannot write to a folder."""
+    """Raise ToolError if the block cannot write to a folder."""
     try:
         yield
     except OSError as error:
-        raise SurveyError(f"cannot write {folder}: {error.strerror}") from None
+        raise ToolError(f"cannot write {folder}: {error.strerror}") from None
 
 
 async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names: bool) -> str:
@@ -306,7 +299,7 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
         A summary for the user.
 
     Raises:
-        SurveyError: the robot has sent nothing, or the folder cannot be written.
+        ToolError: the robot has sent nothing, or the folder cannot be written.
     """
     with _writing(folder):  # before the survey, which would be lost otherwise
         folder.mkdir(parents=True, exist_ok=True)
@@ -331,7 +324,7 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
         running.result()  # raise its exception
     await cancel_and_wait(running, stopping)
     if not running_survey.seen.frames:
-        raise SurveyError("the robot has sent nothing, so nothing is written: see the checks")
+        raise ToolError("the robot has sent nothing, so nothing is written: see the checks")
     found = results(
         running_survey.seen,
         http=running_survey.http,

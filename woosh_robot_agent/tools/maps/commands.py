@@ -1,6 +1,6 @@
 """The commands of `maps`, with a progress bar if stderr is a terminal.
 
-Everything here raises `MapsError` if the robot refuses a request, does not answer it, or does not
+Everything here raises `ToolError` if the robot refuses a request, does not answer it, or does not
 have what is named.
 """
 
@@ -26,13 +26,13 @@ from woosh_robot_agent.pb.map.mark_pb2 import Storages
 from woosh_robot_agent.pb.robot.robot_pb2 import Scene
 from woosh_robot_agent.pb.util.common_pb2 import FileData
 from woosh_robot_agent.tools.maps.scene_folder import (
-    MapsError,
     SavedScene,
     check_writable,
     read_scene,
     to_file_name,
     write_scene,
 )
+from woosh_robot_agent.tools.options import ToolError
 from woosh_robot_agent.tools.progress import progress_bar
 
 SLOW_ANSWERS = {
@@ -65,29 +65,25 @@ class MapLibrary:
         """Return the current scene and map."""
         return await self.query(Scene(), Scene)
 
-    async def scene_data(self, scene: str) -> pack.SceneData:
-        """Return the maps of a scene with their pictures and marks."""
-        return await self.query(pack.SceneData(name=scene), pack.SceneData)
-
     async def download(self, scene: str) -> dict[str, bytes]:
         """Return the contents of a scene's files, by the robot's names for them.
 
         Raises:
-            MapsError: the robot refused, did not answer, or sent no files or two of one name.
+            ToolError: the robot refused, did not answer, or sent no files or two of one name.
         """
         answer = await self.query(pack.Download(scene_name=scene), pack.DownloadResponse)
         files = {file.name: file.data for file in answer.file_datas}
         if len(files) < len(answer.file_datas):
-            raise MapsError(f"the robot sent two files of the same name for scene {scene}")
+            raise ToolError(f"the robot sent two files of the same name for scene {scene}")
         if not files:
-            raise MapsError(f"the robot sent no files for scene {scene}")
+            raise ToolError(f"the robot sent no files for scene {scene}")
         return files
 
     async def query(self, request: Message, cls: type[_M]) -> _M:
         """Send a request; return the body of the answer, which must be of class `cls`."""
         answer = await self.request(request)
         if not isinstance(answer.body, cls):
-            raise MapsError(
+            raise ToolError(
                 f"the robot answered {full_name(request)} with {answer.defect or answer.type}, "
                 f"not with {full_name(cls)}: its firmware may not have this request"
             )
@@ -99,9 +95,9 @@ class MapLibrary:
         try:
             answer = await self.chassis.request(make.address(request))
         except LinkError as error:
-            raise MapsError(f"{full_name(request)}: {error}") from None
+            raise ToolError(f"{full_name(request)}: {error}") from None
         if not answer.ok:
-            raise MapsError(f"the robot refused {full_name(request)}: {answer.reason}")
+            raise ToolError(f"the robot refused {full_name(request)}: {answer.reason}")
         return answer
 
 
@@ -173,13 +169,13 @@ async def download(library: MapLibrary, names: Sequence[str], output: Path, *, f
     known = await library.scenes()
     scenes = list(dict.fromkeys(_scene_of(name, known) for name in names)) if names else list(known)
     if not scenes:
-        raise MapsError("the robot has no scenes")
+        raise ToolError("the robot has no scenes")
     targets = {scene: output / to_file_name(scene) for scene in scenes}
     for target in targets.values():
         check_writable(target, force=force)
     for scene, target in targets.items():
         with _progress(library.chassis, f"downloading {printable(scene)}"):
-            data = await library.scene_data(scene)
+            data = await library.query(pack.SceneData(name=scene), pack.SceneData)
             files = await library.download(scene)
         data.name = scene
         warnings = write_scene(target, data, files, force=force)
@@ -202,11 +198,11 @@ async def upload(
     saved = [read_scene(folder) for folder in folders]
     names = [new_name or each.name for each in saved]
     if len(set(names)) < len(names):
-        raise MapsError(f"two folders have the same scene: {', '.join(names)}")
+        raise ToolError(f"two folders have the same scene: {', '.join(names)}")
     known = await library.scenes()
     for name in names:
         if name in known and not force:
-            raise MapsError(
+            raise ToolError(
                 f"the robot has a scene {name} already: use --force to replace it, or --scene for "
                 "another name"
             )
@@ -219,7 +215,7 @@ async def rename(library: MapLibrary, scene: str, map_name: str, new_name: str) 
     known = await library.scenes()
     what = _check_exists(known, scene, map_name)
     if new_name in (known[scene] if map_name else known):
-        raise MapsError(f"{what} cannot be renamed: {new_name} exists already; choose another name")
+        raise ToolError(f"{what} cannot be renamed: {new_name} exists already; choose another name")
     request = pack.Rename(old_scene_name=scene, new_scene_name=scene if map_name else new_name)
     if map_name:
         request.old_map_name, request.new_map_name = map_name, new_name
@@ -232,7 +228,7 @@ async def delete(library: MapLibrary, scene: str, map_name: str) -> None:
     what = _check_exists(await library.scenes(), scene, map_name)
     current = await library.current()
     if scene == current.scene_name and map_name in ("", current.map_name):
-        raise MapsError(
+        raise ToolError(
             f"{what} cannot be deleted: the robot is using it; switch to another one first"
         )
     await library.request(pack.Delete(scene_name=scene, map_name=map_name))
@@ -247,7 +243,7 @@ async def _upload(library: MapLibrary, name: str, scene: SavedScene) -> None:
     with _progress(library.chassis, f"uploading {printable(name)}", size):
         await library.request(request)
     if name not in await library.scenes():
-        raise MapsError(f"the robot accepted scene {name} but does not list it")
+        raise ToolError(f"the robot accepted scene {name} but does not list it")
     print(printable(f"uploaded scene {name}: files {len(scene.files)}"), flush=True)
 
 
@@ -258,23 +254,23 @@ def _scene_of(name: str, known: dict[str, list[str]]) -> str:
     found = [scene for scene, maps in known.items() if name in maps]
     if not found:
         scenes = ", ".join(known) or "none"
-        raise MapsError(f"the robot has no scene and no map {name}: its scenes are {scenes}")
+        raise ToolError(f"the robot has no scene and no map {name}: its scenes are {scenes}")
     if len(found) > 1:
-        raise MapsError(f"several scenes have map {name}: name one of them: {', '.join(found)}")
+        raise ToolError(f"several scenes have map {name}: name one of them: {', '.join(found)}")
     return found[0]
 
 
 def _check_exists(known: dict[str, list[str]], scene: str, map_name: str) -> str:
     """Check that the robot has a scene, or a map of it if `map_name` is not empty.
 
-    Return words for the scene or the map, for messages. Raise `MapsError` if the robot lacks it.
+    Return words for the scene or the map, for messages. Raise `ToolError` if the robot lacks it.
     """
     if scene not in known:
         scenes = ", ".join(known) or "none"
-        raise MapsError(f"the robot has no scene {scene}: its scenes are {scenes}")
+        raise ToolError(f"the robot has no scene {scene}: its scenes are {scenes}")
     if map_name and map_name not in known[scene]:
         maps = ", ".join(known[scene]) or "none"
-        raise MapsError(f"scene {scene} has no map {map_name}: its maps are {maps}")
+        raise ToolError(f"scene {scene} has no map {map_name}: its maps are {maps}")
     return f"map {map_name} of scene {scene}" if map_name else f"scene {scene}"
 
 

@@ -11,15 +11,14 @@ from pathlib import Path
 
 from woosh_robot_agent.link import ChassisClient, LinkConfig, LinkError
 from woosh_robot_agent.link.config import MIB
-from woosh_robot_agent.link.reports import printable
-from woosh_robot_agent.link.tasks import run_main
 from woosh_robot_agent.program import INTERRUPTED
 from woosh_robot_agent.tools.maps import commands
-from woosh_robot_agent.tools.maps.scene_folder import MapsError
 from woosh_robot_agent.tools.options import (
+    ToolError,
     add_link_options,
     link_arguments,
     link_config,
+    run_tool,
     tool_parser,
 )
 
@@ -50,18 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Silence the link's log: the program prints the errors itself.
     logging.getLogger("woosh_robot_agent").addHandler(logging.NullHandler())
     try:
-        run_main(_run(config, options))
+        return run_tool(_run(config, options))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
-    except MapsError as error:
-        print(printable(f"error: {error}"), file=sys.stderr)
-        return 1
-    except LinkError as error:  # while connecting
-        hint = f"`doctor {link_arguments(config)}` finds the cause"
-        print(printable(f"error: {error}; {hint}"), file=sys.stderr)
-        return 1
-    return 0
 
 
 def _name(text: str) -> str:
@@ -116,18 +107,24 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-async def _run(config: LinkConfig, options: argparse.Namespace) -> None:
-    async with ChassisClient(config=config, minimum_timeouts=commands.SLOW_ANSWERS) as chassis:
-        library = commands.MapLibrary(chassis)
-        if options.command == "list":
-            await commands.list_maps(library, as_json=options.json)
-        elif options.command == "download":
-            await commands.download(library, options.names, options.output, force=options.force)
-        elif options.command == "upload":
-            await commands.upload(
-                library, options.folders, options.scene or "", force=options.force
-            )
-        elif options.command == "rename":
-            await commands.rename(library, options.scene, options.map or "", options.new_name)
-        else:
-            await commands.delete(library, options.scene, options.map or "")
+async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
+    try:
+        async with ChassisClient(config=config, minimum_timeouts=commands.SLOW_ANSWERS) as chassis:
+            await _execute(commands.MapLibrary(chassis), options)
+    except LinkError as error:  # while connecting
+        hint = f"`doctor {link_arguments(config)}` finds the cause"
+        raise ToolError(f"{error}; {hint}") from None
+    return 0
+
+
+async def _execute(library: commands.MapLibrary, options: argparse.Namespace) -> None:
+    if options.command == "list":
+        await commands.list_maps(library, as_json=options.json)
+    elif options.command == "download":
+        await commands.download(library, options.names, options.output, force=options.force)
+    elif options.command == "upload":
+        await commands.upload(library, options.folders, options.scene or "", force=options.force)
+    elif options.command == "rename":
+        await commands.rename(library, options.scene, options.map or "", options.new_name)
+    else:
+        await commands.delete(library, options.scene, options.map or "")

@@ -29,11 +29,7 @@ from woosh_robot_agent.data_files import Between, DataFileError, load_yaml, sour
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.map.mark_pb2 import MarkInfo, Storage
 from woosh_robot_agent.robot.maps import MapError, map_files
-
-
-class MapsError(Exception):
-    """The program cannot execute its command. The text says why, and what to do."""
-
+from woosh_robot_agent.tools.options import ToolError
 
 _UNSAFE = frozenset('/\\:*?"<>|%')
 """Characters that are encoded in file names; also `%`, so that different names stay different."""
@@ -45,13 +41,13 @@ def to_file_name(name: str) -> str:
     """Return a file name for the name of a scene, map or file; it differs for different names.
 
     Raises:
-        MapsError: the name is empty or too long.
+        ToolError: the name is empty or too long.
     """
     quoted = "".join(map(_quoted, name))
     if quoted.startswith("."):  # a hidden file, `.` or `..`
         quoted = f"%2E{quoted[1:]}"
     if not name or len(quoted.encode()) > _MAX_NAME:
-        raise MapsError(
+        raise ToolError(
             f"the name {name[:50]!r} cannot be a file name: it is empty or too long; rename it on "
             "the robot"
         )
@@ -101,7 +97,7 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
             are taken from them.
 
     Raises:
-        MapsError: the file cannot be used.
+        ToolError: the file cannot be used.
     """
     name = str(path)
     try:
@@ -119,7 +115,7 @@ def read_marks(path: Path, old: MarkInfo) -> MarkInfo:
         del new.storages[:]
         new.storages.extend(storages)
     except DataFileError as error:
-        raise MapsError(str(error)) from None
+        raise ToolError(str(error)) from None
     return new
 
 
@@ -315,7 +311,7 @@ def to_path(name: str) -> str:
     If a part of the name is empty, `.` or `..`, the whole name becomes one file name.
 
     Raises:
-        MapsError: a part of the name is too long for a file name, or the name is empty.
+        ToolError: a part of the name is too long for a file name, or the name is empty.
     """
     parts = name.split("/")
     if any(part in ("", ".", "..") for part in parts):
@@ -343,16 +339,16 @@ def check_writable(target: Path, *, force: bool) -> None:
     """Check that a scene may be saved in a folder, with `force` also in place of a saved scene.
 
     Raises:
-        MapsError: the path exists, and must not be replaced.
+        ToolError: the path exists, and must not be replaced.
     """
     if not os.path.lexists(target):
         return
     if not force:
-        raise MapsError(
+        raise ToolError(
             f"{target} exists already: use --force to replace it, or --output for another folder"
         )
     if target.is_symlink() or not (target / _MARKS_FOLDER).is_dir():
-        raise MapsError(f"{target} is not a saved scene and is not replaced: move it first")
+        raise ToolError(f"{target} is not a saved scene and is not replaced: move it first")
 
 
 def write_scene(
@@ -370,7 +366,7 @@ def write_scene(
         picture, and marks that were not saved for editing.
 
     Raises:
-        MapsError: the scene cannot be saved.
+        ToolError: the scene cannot be saved.
     """
     contents = {to_path(name): content for name, content in files.items()}
     warnings: list[str] = []
@@ -399,7 +395,7 @@ def write_scene(
     try:
         _write_folder(target, contents, force=force)
     except OSError as error:
-        raise MapsError(f"scene {data.name} cannot be saved: {error}") from None
+        raise ToolError(f"scene {data.name} cannot be saved: {error}") from None
     return warnings
 
 
@@ -407,12 +403,12 @@ def read_scene(folder: Path) -> SavedScene:
     """Read a saved scene, whose name is that of the folder.
 
     Raises:
-        MapsError: the folder is not a saved scene, or one of its files cannot be used.
+        ToolError: the folder is not a saved scene, or one of its files cannot be used.
     """
     if not _is_scene(folder):
         inside = ", ".join(str(each) for each in sorted(folder.glob("*")) if _is_scene(each))
         hint = f": give a folder in it: {inside}" if inside else ""
-        raise MapsError(f"{folder} is not a saved scene{hint}")
+        raise ToolError(f"{folder} is not a saved scene{hint}")
     paths = {each.relative_to(folder).as_posix(): each for each in sorted(folder.rglob("*"))}
     files = {
         unquote(name): _read(path)
@@ -423,7 +419,7 @@ def read_scene(folder: Path) -> SavedScene:
         name = _mark_file(unquote(path.stem), files)
         old = _marks_in(name, files)
         if old is None:
-            raise MapsError(f"remove {path}: there is no such map, or its marks cannot be read")
+            raise ToolError(f"remove {path}: there is no such map, or its marks cannot be read")
         if (new := read_marks(path, old)) is not old:
             files[name] = new.SerializeToString()
     return SavedScene(unquote(folder.resolve().name), files)
@@ -466,7 +462,7 @@ def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise MapsError(f"{path} cannot be read: {error.strerror or error}") from None
+        raise ToolError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
 def _move_hidden(source: Path, target: Path) -> None:

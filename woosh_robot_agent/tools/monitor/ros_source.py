@@ -22,11 +22,15 @@ from woosh_robot_agent.link.config import url_host
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.ros.qos import latched
-from woosh_robot_agent.ros.second_agent import UNKNOWN_NODE
 from woosh_robot_agent.tools.options import link_arguments
 from woosh_robot_agent.tools.robot_view import LinkReport, RobotView
-from woosh_robot_agent.tools.ros_node import NodeThread
+from woosh_robot_agent.tools.ros_node import NodeThread, find_agents
 
+_DISCOVERY_PERIOD = 0.5
+"""Time between two searches for the agent, in seconds."""
+_CONNECTED_TIMEOUT = 3.0
+"""Time for which the first message on the agent's topic `connected` is awaited after the agent's
+first answer, in seconds."""
 _AGENT_TIMEOUT = 5.0
 """Time without an answer of the agent after which the view may be outdated, in seconds."""
 _PARAMETERS_TIMEOUT = 2.0
@@ -36,8 +40,6 @@ _ROBOT_INFO_TIMEOUT = 12.0
 agent waits for the robot, which is 10 s."""
 _ROBOT_INFO = next(query for query in QUERIES if query.request == full_name(RobotInfo))
 _CONNECTED = "connected"
-_AGENT_TOPIC = TOPICS[0]
-"""Topic whose publisher is taken for the agent's node."""
 _PARAMETERS = ("transport", "ip", "port", "encoding", "robot_id")
 """Parameters requested from the agent, to show the address, and to see that it is alive."""
 
@@ -110,26 +112,15 @@ class RosSource:
         namespace: namespace of the agent; overridden by `--ros-args -r __ns:=`.
         ros_args: command-line arguments for rclpy.
         domain: ROS_DOMAIN_ID; by default from the environment.
-        discovery_period: time between two searches for the agent, in seconds.
-        connected_timeout: time for which the first message on the agent's topic `connected` is
-            awaited after the agent's first answer, in seconds.
 
     Raises:
         Exception: the namespace or the arguments are invalid; the type is rclpy's.
     """
 
     def __init__(
-        self,
-        namespace: str,
-        ros_args: Sequence[str] = (),
-        domain: int | None = None,
-        *,
-        discovery_period: float = 0.5,
-        connected_timeout: float = 3.0,
+        self, namespace: str, ros_args: Sequence[str] = (), domain: int | None = None
     ) -> None:
         self.view = RobotView()
-        self._discovery_period = discovery_period
-        self._connected_timeout = connected_timeout
         self._thread = NodeThread(f"monitor_{os.getpid()}", namespace, ros_args, domain)
         self._node = self._thread.node
         self.name = self._node.get_namespace()
@@ -175,7 +166,7 @@ class RosSource:
                     action.name, class_of(action.action, "action"), action.feedback
                 )
         self._node.create_subscription(Bool, _CONNECTED, self._on_connected, latched(1))
-        self._node.create_timer(self._discovery_period, self._discover)
+        self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
         self._thread.start(self._on_crash)
 
     async def close(self) -> None:
@@ -232,7 +223,7 @@ class RosSource:
         """Return True while the first message on `connected` can still be expected."""
         return (
             self._connected is None
-            and time.monotonic() < self._first_answer_at + self._connected_timeout
+            and time.monotonic() < self._first_answer_at + _CONNECTED_TIMEOUT
         )
 
     def _unreadable_text(self) -> str:
@@ -282,12 +273,8 @@ class RosSource:
 
         The answers with the parameters also show that the agent is alive.
         """
-        topic = self._node.resolve_topic_name(_AGENT_TOPIC.name)
-        found = {
-            f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-            for info in self._node.get_publishers_info_by_topic(topic)
-            if info.node_name != UNKNOWN_NODE
-        }
+        agents = find_agents(self._node)
+        found = {f"{namespace.rstrip('/')}/{name}" for name, namespace in agents}
         if self._agent_name not in found:
             # Forget nothing before the first agent: `_connected` may be of the agent found now.
             if self._parameters_call is not None:

@@ -237,7 +237,7 @@ def _codes(view: RobotView) -> Text:
     if not view.codes:
         return Text("none", _FAINT)
     text = Text()
-    for code in list(reversed(view.codes))[:_MAX_CODES]:
+    for code in list(reversed(view.codes.values()))[:_MAX_CODES]:
         when = time.strftime("%m-%d %H:%M:%S", time.localtime(code.time / 1000))
         level = enum_name(StatusCode.Level, code.level)
         text.append(

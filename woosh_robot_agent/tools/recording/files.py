@@ -161,6 +161,7 @@ class RecordingFiles:
         profile: MCAP profile, for the header of the files; empty for none.
 
     Attributes:
+        paths: paths of the files so far.
         failed: True if the recording ended before `close`, or a file is not complete.
 
     Raises:
@@ -202,11 +203,6 @@ class RecordingFiles:
     def is_open(self) -> bool:
         """True until the end of the recording."""
         return self._file is not None
-
-    @property
-    def has_pending(self) -> bool:
-        """True if there are messages that have not been written to the current file."""
-        return self._file is not None and bool(self._file.pending)
 
     def count(self, topic: str) -> int:
         """Return the number of messages of a topic in the files.
@@ -292,7 +288,7 @@ class RecordingFiles:
         exceeded = self._exceeded_limit(file.size + size)
         if exceeded == "max_size":
             self._close_file()
-            self._end_early(
+            self.end_early(
                 f"{self._path} has reached its size limit of {self._limits.max_size} bytes"
             )
         elif self._start is None:  # the first message of a file stays in it, whatever its size
@@ -339,8 +335,9 @@ class RecordingFiles:
             self._closed_count.update(self._file.written)
             self._file.abandon()
             self._file = None
-        self._end_early(f"cannot write to {error.filename or path}: {error.strerror or error}")
+        self.end_early(f"cannot write to {error.filename or path}: {error.strerror or error}")
 
-    def _end_early(self, reason: str) -> None:
+    def end_early(self, reason: str) -> None:
+        """Note that nothing more is written, for a reason."""
         self.failed = True
         self._on_early_end(reason)

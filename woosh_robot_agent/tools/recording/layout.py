@@ -11,11 +11,6 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_protobuf.schema import build_file_descriptor_set
 
-
-class RecordingError(Exception):
-    """A recording cannot be read or written; the text says why."""
-
-
 Side = Literal["client", "chassis", "recorder"]
 """A side of a connection; `recorder` is the program that records it."""
 EventKind = Literal["open", "close", "refused", "unreadable"]

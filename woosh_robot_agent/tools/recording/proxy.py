@@ -149,7 +149,7 @@ class RecordingProxy:
     async def _flush(self) -> None:
         while True:
             await asyncio.sleep(_FLUSH_PERIOD)
-            self._recorder.flush()
+            self._recorder.call(self._writer.flush)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one client until its connection ends, and record the end."""

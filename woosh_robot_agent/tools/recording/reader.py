@@ -15,22 +15,8 @@ from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Channel, Chunk, Header, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
-from woosh_robot_agent.tools.recording.layout import (
-    EVENT_KINDS,
-    EVENTS,
-    FRAMES,
-    METADATA,
-    ROS_PROFILE,
-    SIDES,
-    VERSION,
-    Event,
-    EventMessage,
-    Frame,
-    FrameMessage,
-    Record,
-    Recording,
-    RecordingError,
-)
+from woosh_robot_agent.tools.options import ToolError
+from woosh_robot_agent.tools.recording import layout
 
 _DAMAGE = (
     McapError,
@@ -86,14 +72,17 @@ class _Part:
         classes: dict[int, Any] = {}  # classes of the messages, by the number of their channel
         for record in records:
             if isinstance(record, Header):
-                self.has_ros_topics = record.profile == ROS_PROFILE
+                self.has_ros_topics = record.profile == layout.ROS_PROFILE
                 if self.has_ros_topics:
                     return
             elif isinstance(record, Channel):
-                cls = {FRAMES.topic: FrameMessage, EVENTS.topic: EventMessage}.get(record.topic)
+                cls = {
+                    layout.FRAMES.topic: layout.FrameMessage,
+                    layout.EVENTS.topic: layout.EventMessage,
+                }.get(record.topic)
                 if cls is not None:
                     classes[record.id] = cls
-            elif isinstance(record, Metadata) and record.name == METADATA:
+            elif isinstance(record, Metadata) and record.name == layout.METADATA:
                 self.metadata = record.metadata
             elif isinstance(record, Message) and record.channel_id in classes:
                 message = classes[record.channel_id].FromString(record.data)
@@ -119,7 +108,7 @@ def _records(file: IO[bytes]) -> Iterator[Any]:
         yield from breakup_chunk(record, validate_crc=True)
 
 
-def read_recording(*paths: Path) -> Recording:
+def read_recording(*paths: Path) -> layout.Recording:
     """Read a recording; the end of each file may be missing, as after a crash.
 
     Args:
@@ -127,13 +116,13 @@ def read_recording(*paths: Path) -> Recording:
             `record --ros` writes in addition, are ignored.
 
     Raises:
-        RecordingError: a file cannot be read, is not a recording, is given twice or has only ROS
+        ToolError: a file cannot be read, is not a recording, is given twice or has only ROS
             topics, or the files are of different recordings.
     """
     parts = [_read_part(path) for path in paths]
     parts = [part for part in parts if not part.has_ros_topics]
     if not parts:
-        raise RecordingError(
+        raise ToolError(
             f"{paths[0]} has only ROS topics: play it with ros2 bag play, or replay the file "
             "without _ros in its name"
         )
@@ -141,9 +130,9 @@ def read_recording(*paths: Path) -> Recording:
     started = parts[0].metadata["started"]
     for former, part in pairwise(parts):
         if part.metadata["started"] != started:
-            raise RecordingError(f"{part.path} and {parts[0].path} are different recordings")
+            raise ToolError(f"{part.path} and {parts[0].path} are different recordings")
         if part.metadata["part"] == former.metadata["part"]:
-            raise RecordingError(f"{former.path} and {part.path} are the same file: leave out one")
+            raise ToolError(f"{former.path} and {part.path} are the same file: leave out one")
     records = tuple(
         _record((log_time - int(started)) / 1e9, message)
         for part in parts
@@ -152,7 +141,7 @@ def read_recording(*paths: Path) -> Recording:
     damage = "; ".join(part.damage for part in parts if part.damage)
     present = {int(part.metadata["part"]) for part in parts}
     missing = tuple(number for number in range(max(present)) if number not in present)
-    return Recording(
+    return layout.Recording(
         parts[0].metadata.get("address", ""), int(started) / 1e9, records, damage, missing
     )
 
@@ -161,16 +150,16 @@ def _read_part(path: Path) -> _Part:
     """Read one file up to its end, or up to where it is damaged.
 
     Raises:
-        RecordingError: the file cannot be read, or has no recording of the supported layout.
+        ToolError: the file cannot be read, or has no recording of the supported layout.
     """
     part = _Part(path)
     try:
         with path.open("rb") as file:
             part.read(_records(file))
     except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from None
+        raise ToolError(f"cannot read {path}: {error.strerror}") from None
     except InvalidMagic:
-        raise RecordingError(f"{path} is not a recording: it is no MCAP file") from None
+        raise ToolError(f"{path} is not a recording: it is no MCAP file") from None
     except EndOfFile:
         part.damage = f"{path} has no end"
     except _DAMAGE as error:
@@ -179,32 +168,32 @@ def _read_part(path: Path) -> _Part:
         return part
     version = part.metadata.get("version")
     if version is None:
-        raise RecordingError(
+        raise ToolError(
             f"{path} is not a recording made with `record`: {part.damage or 'it has no frames'}"
         )
-    if version != VERSION:
-        raise RecordingError(
+    if version != layout.VERSION:
+        raise ToolError(
             f"{path} has version {version} of the layout, but this program reads version "
-            f"{VERSION}: use the release that recorded the file"
+            f"{layout.VERSION}: use the release that recorded the file"
         )
     return part
 
 
-def _record(t: float, message: Any) -> Record:
-    """Return a message of a file as a record; raise `RecordingError` for unknown contents."""
-    if isinstance(message, EventMessage):
-        if message.kind not in EVENT_KINDS:
-            raise RecordingError(f"unknown event {message.kind!r}")
+def _record(t: float, message: Any) -> layout.Record:
+    """Return a message of a file as a record; raise `ToolError` for unknown contents."""
+    if isinstance(message, layout.EventMessage):
+        if message.kind not in layout.EVENT_KINDS:
+            raise ToolError(f"unknown event {message.kind!r}")
         _check_side(message.by)
-        return Event(t, message.connection, message.kind, message.by, message.text)
+        return layout.Event(t, message.connection, message.kind, message.by, message.text)
     _check_side(message.sender)
     content = message.WhichOneof("content")
     if content is None:
-        raise RecordingError("a frame has no content")
+        raise ToolError("a frame has no content")
     data, invalid = getattr(message, content), content == "invalid_text"
-    return Frame(t, message.connection, message.sender, data, invalid)
+    return layout.Frame(t, message.connection, message.sender, data, invalid)
 
 
 def _check_side(name: str) -> None:
-    if name not in SIDES:
-        raise RecordingError(f"unknown side {name!r}")
+    if name not in layout.SIDES:
+        raise ToolError(f"unknown side {name!r}")

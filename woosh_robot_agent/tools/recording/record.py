@@ -28,23 +28,23 @@ from woosh_robot_agent.link import (
 from woosh_robot_agent.link.config import MIB, url_host
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reports import log_to_stderr, printable
-from woosh_robot_agent.link.tasks import run_main
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
 from woosh_robot_agent.program import import_problem
 from woosh_robot_agent.tools.options import (
+    ToolError,
     above_zero,
     add_link_options,
     host_and_port,
     link_arguments,
     link_config,
+    run_tool,
     stop_event,
     tool_parser,
     warn_if_not_local,
 )
 from woosh_robot_agent.tools.recording.files import Limits
-from woosh_robot_agent.tools.recording.layout import RecordingError
 from woosh_robot_agent.tools.recording.proxy import READ_PERIOD, RecordingProxy
 from woosh_robot_agent.tools.recording.writer import RecordingWriter
 
@@ -81,11 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     config = link_config(parser, options)
     log_to_stderr(logging.INFO, "%(message)s")
-    try:
-        return run_main(_run(config, options))
-    except RecordingError as error:
-        print(printable(f"error: {error}"), file=sys.stderr)
-        return 1
+    return run_tool(_run(config, options))
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -226,7 +222,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
     """Record until a signal or the end of `--duration`; return the exit status.
 
     Raises:
-        RecordingError: the recording cannot start.
+        ToolError: the recording cannot start.
     """
     stop, loop = stop_event(), asyncio.get_running_loop()
 
@@ -244,7 +240,7 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
             options.output, config.address, limits, partial(on_early_end, "frames")
         )
     except OSError as error:
-        raise RecordingError(_cannot_create(error)) from None
+        raise ToolError(_cannot_create(error)) from None
     read_period = READ_PERIOD if options.listen else _OWN_READ_PERIOD
     proxy = RecordingProxy(config, writer, read_period)
     ros_recorder = None
@@ -259,14 +255,14 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
                     options, limits, partial(on_early_end, "ROS messages"), writer.now
                 )
                 stack.callback(ros_recorder.close)
-        except RecordingError:
+        except ToolError:
             writer.discard()  # an empty file would block the next attempt
             raise
         if options.listen:
             warn_if_not_local(host, "can command the robot")
-            _print_instructions(config, host, port, writer.paths[0])
+            _print_instructions(config, host, port, writer.files.paths[0])
         else:
-            print(f"recording {config.address} to {writer.paths[0]}", flush=True)
+            print(f"recording {config.address} to {writer.files.paths[0]}", flush=True)
             # The proxy logs problems of the robot; the log of this client would repeat them.
             link_log = logging.getLogger("woosh_robot_agent.link")
             stack.callback(link_log.setLevel, link_log.level)
@@ -284,12 +280,12 @@ async def _run(config: LinkConfig, options: argparse.Namespace) -> int:
 
 
 async def _listen(proxy: RecordingProxy, host: str, port: int) -> int:
-    """Start the proxy; return its port. Raise `RecordingError` if it cannot listen."""
+    """Start the proxy; return its port. Raise `ToolError` if it cannot listen."""
     try:
         return await proxy.start(host, port)
     except OSError as error:
         reason = error.strerror or error
-        raise RecordingError(f"cannot listen on {host}, port {port}: {reason}") from None
+        raise ToolError(f"cannot listen on {host}, port {port}: {reason}") from None
 
 
 def _start_ros(
@@ -298,21 +294,21 @@ def _start_ros(
     on_early_end: Callable[[str], None],
     now: Callable[[], int],
 ) -> RosRecorder:
-    """Start the recording of ROS topics. Raise `RecordingError` if that is not possible."""
+    """Start the recording of ROS topics. Raise `ToolError` if that is not possible."""
     try:
         from woosh_robot_agent.tools.recording.ros_recorder import RosRecorder
     except ImportError as error:
         if not (problem := import_problem(error)):
             raise
-        raise RecordingError(f"--ros: {problem}") from None
+        raise ToolError(f"--ros: {problem}") from None
     output = options.output
     path = output.with_name(f"{output.stem}_ros{output.suffix}")
     try:
         return RosRecorder(options.ros, path, limits, on_early_end, now)
     except OSError as error:
-        raise RecordingError(_cannot_create(error)) from None
+        raise ToolError(_cannot_create(error)) from None
     except Exception as error:  # rclpy raises many types for invalid names and arguments
-        raise RecordingError(f"--ros {options.ros}: {' '.join(str(error).split())}") from None
+        raise ToolError(f"--ros {options.ros}: {' '.join(str(error).split())}") from None
 
 
 def _report_frames(
@@ -322,7 +318,7 @@ def _report_frames(
     if writer.frames:
         print(
             f"recorded {writer.frames} frames of {writer.connections} connections to "
-            f"{_names(writer.paths)}"
+            f"{_names(writer.files.paths)}"
         )
     had_client = bool(writer.connections or writer.refusal)
     if writer.lost:
@@ -342,12 +338,12 @@ def _report_frames(
             printable(f"error: no robot answered at {config.address}: {problem}, or {hint}"),
             file=sys.stderr,
         )
-    return writer.failed or bool(writer.lost) or not writer.answered
+    return writer.files.failed or bool(writer.lost) or not writer.answered
 
 
 def _report_ros(recorder: RosRecorder, namespace: str) -> bool:
     """Print the result of the recording of ROS topics; return True if something is missing."""
-    print(f"recorded {recorder.messages} ROS messages to {_names(recorder.paths)}")
+    print(f"recorded {recorder.messages} ROS messages to {_names(recorder.files.paths)}")
     for topic, lost in recorder.lost.items():
         # A publisher with a short queue may have replaced messages before they were sent.
         print(f"error: messages on {topic} that the middleware lost: {lost}", file=sys.stderr)
@@ -357,7 +353,7 @@ def _report_ros(recorder: RosRecorder, namespace: str) -> bool:
             f"same ROS_DOMAIN_ID, and that its namespace is that of --ros: {namespace}",
             file=sys.stderr,
         )
-    return recorder.failed or bool(recorder.lost) or not recorder.messages
+    return recorder.files.failed or bool(recorder.lost) or not recorder.messages
 
 
 def _cannot_create(error: OSError) -> str:

@@ -11,8 +11,14 @@ from pathlib import Path
 
 from woosh_robot_agent.link.config import DEFAULT_PORTS, url_host
 from woosh_robot_agent.link.reports import log_to_stderr, printable
-from woosh_robot_agent.tools.options import above_zero, stop_event, tool_parser, warn_if_not_local
-from woosh_robot_agent.tools.recording.layout import Recording, RecordingError
+from woosh_robot_agent.tools.options import (
+    ToolError,
+    above_zero,
+    stop_event,
+    tool_parser,
+    warn_if_not_local,
+)
+from woosh_robot_agent.tools.recording.layout import Recording
 from woosh_robot_agent.tools.recording.reader import read_recording
 from woosh_robot_agent.tools.recording.replayed_chassis import ReplayedChassis
 from woosh_robot_agent.tools.recording.timeline import Playback, prepare
@@ -42,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         playback = prepare(recording)
         _print_summary(options.file[0], playback, recording)
         asyncio.run(_run(playback, options))
-    except RecordingError as error:
+    except ToolError as error:
         print(printable(f"error: {error}"), file=sys.stderr)
         return 1
     return 0
@@ -111,7 +117,7 @@ def _print_summary(path: Path, playback: Playback, recording: Recording) -> None
 
 
 async def _run(playback: Playback, options: argparse.Namespace) -> None:
-    """Play until a signal; raise `RecordingError` if the program cannot listen."""
+    """Play until a signal; raise `ToolError` if the program cannot listen."""
     stop = stop_event()
     warn_if_not_local(options.host, "can read what was recorded")
     chassis = ReplayedChassis(
@@ -126,7 +132,7 @@ async def _run(playback: Playback, options: argparse.Namespace) -> None:
     try:
         await chassis.start()
     except OSError as error:
-        raise RecordingError(
+        raise ToolError(
             f"cannot listen on {options.host}: {error.strerror or error}; choose another address "
             "or other ports: --host, --port and --tcp-port"
         ) from None

@@ -22,7 +22,7 @@ from woosh_robot_agent.link.server import (
 )
 from woosh_robot_agent.link.transport import TransportClosedError
 from woosh_robot_agent.pb.util.commu_pack_pb2 import MessagePackJson
-from woosh_robot_agent.tools.recording.layout import RecordingError
+from woosh_robot_agent.tools.options import ToolError
 from woosh_robot_agent.tools.recording.timeline import (
     Playback,
     Step,
@@ -158,7 +158,7 @@ class ReplayedChassis:
         """Wait until `stop` is set, also after the end of the recording.
 
         Raises:
-            RecordingError: the ports, closed during a recorded loss, cannot be opened again.
+            ToolError: the ports, closed during a recorded loss, cannot be opened again.
         """
         assert self._player is not None
         stopped = asyncio.ensure_future(stop.wait())
@@ -169,7 +169,7 @@ class ReplayedChassis:
             except OSError as error:
                 stopped.cancel()
                 reason = error.strerror or error
-                raise RecordingError(f"cannot listen again on {self._host}: {reason}") from None
+                raise ToolError(f"cannot listen again on {self._host}: {reason}") from None
         await stopped
 
     async def stop(self) -> None:

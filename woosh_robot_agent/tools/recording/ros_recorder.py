@@ -16,11 +16,11 @@ from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from woosh_robot_agent.convert.mapping import class_of
-from woosh_robot_agent.endpoints import TOPICS
 from woosh_robot_agent.ros.releases import SubscriptionEventCallbacks, type_hash
+from woosh_robot_agent.tools.options import ToolError
 from woosh_robot_agent.tools.recording.files import Limits, RecordingFiles
-from woosh_robot_agent.tools.recording.layout import ROS_PROFILE, Channel, RecordingError
-from woosh_robot_agent.tools.ros_node import NodeThread
+from woosh_robot_agent.tools.recording.layout import ROS_PROFILE, Channel
+from woosh_robot_agent.tools.ros_node import NodeThread, find_agents
 
 _TYPE = re.compile(r"(\w+)/(\w+)")
 """Package and name of a message type within the type of a field."""
@@ -35,7 +35,7 @@ def definition(name: str) -> str:
         name: package and name of the type, e.g. `nav_msgs/Odometry`.
 
     Raises:
-        RecordingError: the definition of one of the types cannot be read.
+        ToolError: the definition of one of the types cannot be read.
     """
     parts: list[str] = []
     for each in _with_dependencies(name):
@@ -44,7 +44,7 @@ def definition(name: str) -> str:
             path = Path(get_package_share_directory(package)) / "msg" / f"{short}.msg"
             text = path.read_text("utf-8")
         except (PackageNotFoundError, OSError) as error:
-            raise RecordingError(f"the definition of {each} cannot be read: {error}") from None
+            raise ToolError(f"the definition of {each} cannot be read: {error}") from None
         parts.append(f"{_SEPARATOR}\nMSG: {each}\n{text}" if parts else text)
     return "\n".join(parts)
 
@@ -56,7 +56,7 @@ def _with_dependencies(name: str) -> list[str]:
         try:
             cls: Any = class_of(each)
         except (ImportError, AttributeError) as error:
-            raise RecordingError(f"the type {each} is not installed: {error}") from None
+            raise ToolError(f"the type {each} is not installed: {error}") from None
         for field in cls.get_fields_and_field_types().values():
             used = _TYPE.search(field)
             if used and used[0] not in found:
@@ -73,8 +73,6 @@ _DEPTH = 1000
 """Maximum number of messages of a topic that wait for the recorder; older messages are lost."""
 _MAX_AGE = 10**9
 """Maximum time that a message has waited for the recorder, in ns; more is a jump of the clock."""
-_AGENT_TOPIC = TOPICS[0].name
-"""Topic by which agents are found: each node that publishes it counts as one."""
 _INFINITE = "{sec: 9223372036, nsec: 854775807}"
 """An infinite duration, as rosbag2 writes it."""
 
@@ -92,6 +90,7 @@ class RosRecorder:
         now: returns the Unix time in ns, by a monotonic clock.
 
     Attributes:
+        files: the files; open until `close`.
         lost: number of messages that the middleware reports as lost, by topic. Losses on a latched
             topic before its first message do not count.
 
@@ -113,7 +112,7 @@ class RosRecorder:
         self._thread = NodeThread(f"record_{os.getpid()}", namespace)
         self._node = self._thread.node
         try:
-            self._files = RecordingFiles(path, limits, lambda _: None, on_early_end, ROS_PROFILE)
+            self.files = RecordingFiles(path, limits, lambda _: None, on_early_end, ROS_PROFILE)
         except OSError:
             self._thread.close()
             raise
@@ -121,52 +120,31 @@ class RosRecorder:
         """Channels of the recorded topics, by topic."""
         self._unreadable: set[str] = set()
         """Topics that are not recorded, because the definition of their type cannot be read."""
-        self._on_early_end = on_early_end
-        self._has_crashed = False
-        """True once an unexpected error has ended the thread."""
         self._node.create_timer(_DISCOVERY_PERIOD, self._discover)
-        self._node.create_timer(_FLUSH_PERIOD, self._files.flush)
+        self._node.create_timer(_FLUSH_PERIOD, self.files.flush)
         self._thread.start(self._on_crash)
-
-    @property
-    def paths(self) -> list[Path]:
-        """Paths of the files so far."""
-        return self._files.paths
-
-    @property
-    def failed(self) -> bool:
-        """True if the recording ended before `close`, or a file is not complete."""
-        return self._files.failed or self._has_crashed
 
     @property
     def messages(self) -> int:
         """Number of messages in the files; complete after `close`."""
-        return sum(self._files.count(topic) for topic in self._channels)
+        return sum(self.files.count(topic) for topic in self._channels)
 
     def close(self) -> None:
         """End the thread, and complete and close the file."""
         self._thread.stop()
-        self._files.close()
+        self.files.close()
         self._thread.close()
 
     # The methods below run in the recorder's thread.
 
     def _on_crash(self, error: Exception) -> None:
         _LOG.error("the recording of ROS topics failed", exc_info=error)
-        self._has_crashed = True
-        self._on_early_end(f"internal error: {error!r}")
+        self.files.end_early(f"internal error: {error!r}")
 
     def _discover(self) -> None:
         """Subscribe to the topics that the agent has begun to publish."""
         node = self._node
-        agents = {
-            (info.node_name, info.node_namespace)
-            for info in node.get_publishers_info_by_topic(node.resolve_topic_name(_AGENT_TOPIC))
-            # A publisher is discovered before its node. Until then, the namespace is
-            # "_NODE_NAMESPACE_UNKNOWN_".
-            if info.node_namespace.startswith("/")
-        }
-        for name, namespace in agents:
+        for name, namespace in find_agents(node):
             try:
                 published = node.get_publisher_names_and_types_by_node(name, namespace)
             except NodeNameNonExistentError:  # the node has just ended, or is not known yet
@@ -185,7 +163,7 @@ class RosRecorder:
             return
         try:
             schema = definition(short).encode()
-        except RecordingError as error:
+        except ToolError as error:
             self._unreadable.add(topic)
             _LOG.warning("%s is not recorded: %s", topic, error)
             return
@@ -211,7 +189,7 @@ class RosRecorder:
             nonlocal counts_losses
             counts_losses = True
             received = received_at(info, self._now())
-            self._files.add(channel, received, data, info.get("source_timestamp") or received)
+            self.files.add(channel, received, data, info.get("source_timestamp") or received)
 
         def on_lost(event: Any) -> None:
             if counts_losses:

@@ -216,10 +216,6 @@ class FrameRecorder:
         """Record an event."""
         self.call(self._writer.add_event, connection, kind, by, text, self._writer.now())
 
-    def flush(self) -> None:
-        """Record the current batch, and pass everything on to the operating system."""
-        self.call(self._writer.flush)
-
     def call(self, work: Callable[..., None], *arguments: Any) -> None:
         """Record the current batch, and then call a function in the thread."""
         self.record()

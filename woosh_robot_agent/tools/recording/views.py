@@ -37,26 +37,12 @@ from woosh_robot_agent.link.codecs import server_codec
 from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, Envelope, FrameError
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
+from woosh_robot_agent.pb.robot import robot_pb2 as robot
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import BuildMapData
-from woosh_robot_agent.pb.robot.robot_pb2 import (
-    Battery,
-    Model,
-    NavPath,
-    PoseSpeed,
-    RobotInfo,
-    ScannerData,
-    Scene,
-)
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
+from woosh_robot_agent.robot import maps
 from woosh_robot_agent.robot.last_known import parts_of
-from woosh_robot_agent.robot.maps import (
-    MapError,
-    check_resolution_and_origin,
-    find_map,
-    grey_image,
-    map_files,
-)
 from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_agent.robot.status_codes import explained
 from woosh_robot_agent.tools.recording.layout import Channel, Side, protobuf_channel
@@ -161,7 +147,7 @@ class View(NamedTuple):
 
 def views_of(message: Message, time: int) -> Iterator[View]:
     """Yield the views of a message of the chassis; `time` is that of recording, in ns."""
-    for part in parts_of(message) if isinstance(message, RobotInfo) else [message]:
+    for part in parts_of(message) if isinstance(message, robot.RobotInfo) else [message]:
         make = _VIEWS.get(type(part))
         if make is not None:
             yield from make(part, timestamp(time))
@@ -181,7 +167,7 @@ def pose(x: float, y: float, theta: float, z: float = 0.0) -> Pose:
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=rotation)
 
 
-def _pose_speed(report: PoseSpeed, time: Timestamp) -> Iterator[View]:
+def _pose_speed(report: robot.PoseSpeed, time: Timestamp) -> Iterator[View]:
     at = report.pose
     if not all(map(math.isfinite, (at.x, at.y, at.theta))):
         return
@@ -200,12 +186,12 @@ def _pose_speed(report: PoseSpeed, time: Timestamp) -> Iterator[View]:
     )
 
 
-def _path(report: NavPath, time: Timestamp) -> Iterator[View]:
+def _path(report: robot.NavPath, time: Timestamp) -> Iterator[View]:
     poses = [pose(each.x, each.y, each.theta) for each in report.path.poses]
     yield View(_PATH, PosesInFrame(timestamp=time, frame_id=MAP_FRAME, poses=poses), "path")
 
 
-def _scan(report: ScannerData, time: Timestamp) -> Iterator[View]:
+def _scan(report: robot.ScannerData, time: Timestamp) -> Iterator[View]:
     least, most = report.range_min, report.range_max
     offset = report.offset
     yield View(
@@ -222,7 +208,7 @@ def _scan(report: ScannerData, time: Timestamp) -> Iterator[View]:
     )
 
 
-def _battery(report: Battery, time: Timestamp) -> Iterator[View]:
+def _battery(report: robot.Battery, time: Timestamp) -> Iterator[View]:
     text = TextPrimitive(
         pose=pose(0.0, 0.0, 0.0, _TEXT_HEIGHT),
         billboard=True,
@@ -234,7 +220,7 @@ def _battery(report: Battery, time: Timestamp) -> Iterator[View]:
     yield _on_robot("battery", time, texts=[text])
 
 
-def _outline(report: Model, time: Timestamp) -> Iterator[View]:
+def _outline(report: robot.Model, time: Timestamp) -> Iterator[View]:
     line = LinePrimitive(
         type=LinePrimitive.LINE_LOOP,
         pose=pose(0.0, 0.0, 0.0),
@@ -266,11 +252,11 @@ def _status_code(report: StatusCode, time: Timestamp) -> Iterator[View]:
 
 
 _VIEWS: dict[type[Message], Callable[[Any, Timestamp], Iterator[View]]] = {
-    Battery: _battery,
-    Model: _outline,
-    NavPath: _path,
-    PoseSpeed: _pose_speed,
-    ScannerData: _scan,
+    robot.Battery: _battery,
+    robot.Model: _outline,
+    robot.NavPath: _path,
+    robot.PoseSpeed: _pose_speed,
+    robot.ScannerData: _scan,
     StatusCode: _status_code,
 }
 
@@ -319,14 +305,14 @@ class MapFinder:
     """Finds maps in the messages of the chassis."""
 
     def __init__(self) -> None:
-        self._current = Scene()
+        self._current = robot.Scene()
         """The current scene and map; empty if unknown."""
 
     def maps_in(self, message: Message) -> Iterator[FoundMap]:
         """Yield the maps in a message; remember which map is the current one."""
-        if isinstance(message, RobotInfo) and message.HasField("scene"):
+        if isinstance(message, robot.RobotInfo) and message.HasField("scene"):
             message = message.scene
-        if isinstance(message, Scene):
+        if isinstance(message, robot.Scene):
             self._current = message
         elif isinstance(message, BuildMapData):
             area = SceneData.Map(
@@ -348,8 +334,8 @@ class MapFinder:
         if data.name not in ("", current.scene_name):
             return None
         try:
-            return find_map(data, current.map_id, current.map_name)
-        except MapError:
+            return maps.find_map(data, current.map_id, current.map_name)
+        except maps.MapError:
             return None
 
 
@@ -361,13 +347,13 @@ def prepare_map(found: FoundMap, time: int) -> PreparedMap | None:
     """
     area = found.area
     try:
-        check_resolution_and_origin(
+        maps.check_resolution_and_origin(
             area.resolution, area.origin.x, area.origin.y, area.origin.theta
         )
         stem = re.sub(r"[^\w.-]", "_", area.name)
-        files = map_files(area, area.map_png, stem) if found.is_saved else {}
+        files = maps.map_files(area, area.map_png, stem) if found.is_saved else {}
         return PreparedMap(area.name, files, _view(area, time) if found.is_current else None)
-    except MapError as error:
+    except maps.MapError as error:
         _LOG.warning("map %s is left out: %s", area.name, error)
         return None
 
@@ -376,7 +362,7 @@ def _view(area: SceneData.Map, time: int) -> View | None:
     """Return the view of a map; None if the map is too large."""
     from PIL import ImageOps
 
-    grey = grey_image(area.map_png)
+    grey = maps.grey_image(area.map_png)
     if grey.width * grey.height > _MAX_CELLS:
         _LOG.warning("map %s is too large for a view; it is attached only", area.name)
         return None

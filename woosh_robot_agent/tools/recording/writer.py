@@ -14,18 +14,8 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.pb.robot.robot_pb2 import General, PoseSpeed, RobotInfo, ScannerData
+from woosh_robot_agent.tools.recording import layout
 from woosh_robot_agent.tools.recording.files import Limits, McapFile, RecordingFiles
-from woosh_robot_agent.tools.recording.layout import (
-    EVENTS,
-    FRAMES,
-    METADATA,
-    ROBOT_METADATA,
-    VERSION,
-    EventKind,
-    EventMessage,
-    FrameMessage,
-    Side,
-)
 from woosh_robot_agent.tools.recording.views import (
     MapFinder,
     PreparedMap,
@@ -62,6 +52,7 @@ class RecordingWriter:
             `close` fails.
 
     Attributes:
+        files: the files; open until `close`.
         connections: number of connections between a client and the chassis so far.
         answered: True once the chassis has sent a frame.
         refusal: why the chassis could not be reached, for the last event of kind `refused`; empty
@@ -97,25 +88,19 @@ class RecordingWriter:
         self._start = time.time_ns()
         self._clock_offset = self._start - time.clock_gettime_ns(time.CLOCK_BOOTTIME)
         """Unix time at zero of CLOCK_BOOTTIME, in ns."""
-        self._metadata = {"version": VERSION, "address": address, "started": str(self._start)}
+        self._metadata = {
+            "version": layout.VERSION,
+            "address": address,
+            "started": str(self._start),
+        }
         self._file_count = 0
         # the last attribute, because it calls `_begin_file`, which uses the others
-        self._files = RecordingFiles(path, limits, self._begin_file, on_early_end)
-
-    @property
-    def paths(self) -> list[Path]:
-        """Paths of the files so far."""
-        return self._files.paths
-
-    @property
-    def failed(self) -> bool:
-        """True if the recording ended before `close`, or a file is not complete."""
-        return self._files.failed
+        self.files = RecordingFiles(path, limits, self._begin_file, on_early_end)
 
     @property
     def frames(self) -> int:
         """Number of frames in the files; complete after `close`."""
-        return self._files.count(FRAMES.topic)
+        return self.files.count(layout.FRAMES.topic)
 
     @property
     def lost(self) -> int:
@@ -129,7 +114,7 @@ class RecordingWriter:
     def add_frame(
         self,
         connection: int,
-        sender: Side,
+        sender: layout.Side,
         data: bytes,
         *,
         text: bool,
@@ -145,10 +130,10 @@ class RecordingWriter:
         """
         self._seen += 1
         self.answered |= sender == "chassis"
-        if not self._files.is_open:
+        if not self.files.is_open:
             return
         frame: str | bytes | None = data  # None for a text frame that is not UTF-8
-        message = FrameMessage(connection=connection, sender=sender)
+        message = layout.FrameMessage(connection=connection, sender=sender)
         if not text:
             message.binary = data
         else:
@@ -161,14 +146,19 @@ class RecordingWriter:
         if frame is not None:
             decoded = self._guard("decode", decode_message, sender, frame)
         sent = None if decoded is None else decoded.sent
-        is_open = self._files.add(FRAMES, now, message.SerializeToString(), sent)
+        is_open = self.files.add(layout.FRAMES, now, message.SerializeToString(), sent)
         if is_open and decoded is not None:
-            self._files.add(decoded.channel, now, decoded.message.SerializeToString(), sent)
+            self.files.add(decoded.channel, now, decoded.message.SerializeToString(), sent)
             if sender == "chassis":
                 self._guard("view", self._add_views, decoded.message, now)
 
     def add_event(
-        self, connection: int, kind: EventKind, by: Side, text: str = "", at: int | None = None
+        self,
+        connection: int,
+        kind: layout.EventKind,
+        by: layout.Side,
+        text: str = "",
+        at: int | None = None,
     ) -> None:
         """Write an event.
 
@@ -179,27 +169,26 @@ class RecordingWriter:
         self.connections += kind == "open"
         if kind == "refused":
             self.refusal = text
-        message = EventMessage(connection=connection, kind=kind, by=by, text=text)
-        self._files.add(EVENTS, self.now() if at is None else at, message.SerializeToString())
+        message = layout.EventMessage(connection=connection, kind=kind, by=by, text=text)
+        self.files.add(layout.EVENTS, self.now() if at is None else at, message.SerializeToString())
 
     def flush(self) -> None:
         """Pass everything written so far on to the operating system."""
         self._add_waiting_views()
         self._add_maps()
-        if self._files.has_pending:
-            self._files.flush()
+        self.files.flush()
 
     def close(self) -> None:
         """Wait for the maps that are being prepared, and complete and close the current file."""
         self._worker.shutdown()
         self._add_waiting_views()
         self._add_maps()
-        self._files.close()
+        self.files.close()
 
     def discard(self) -> None:
         """Close and delete all files."""
         self.close()
-        for path in self.paths:
+        for path in self.files.paths:
             path.unlink()
 
     def _guard(self, what: str, work: Callable[..., Any], *arguments: Any) -> Any:
@@ -244,7 +233,7 @@ class RecordingWriter:
             self._add_view(view, now)
 
     def _add_view(self, view: View, now: int) -> None:
-        self._files.add(view.channel, now, view.message.SerializeToString())
+        self.files.add(view.channel, now, view.message.SerializeToString())
 
     def _add_waiting_views(self) -> None:
         """Write the views that `_add_views` has delayed."""
@@ -265,7 +254,7 @@ class RecordingWriter:
             now = self.now()
             if known is None or known.files != prepared.files:
                 for attachment in prepared.attachments():
-                    self._files.attach(*attachment, now)
+                    self.files.attach(*attachment, now)
             self._maps[prepared.name] = prepared
             if prepared.view is not None:
                 self._add_view(prepared.view, now)
@@ -280,14 +269,14 @@ class RecordingWriter:
         }
         if robot != self._robot:
             self._robot = robot
-            self._files.add_metadata(ROBOT_METADATA, robot)
+            self.files.add_metadata(layout.ROBOT_METADATA, robot)
 
     def _begin_file(self, file: McapFile) -> None:
         """Write metadata, maps and the views that are still valid to the start of a new file."""
-        file.add_metadata(METADATA, self._metadata | {"part": str(self._file_count)})
+        file.add_metadata(layout.METADATA, self._metadata | {"part": str(self._file_count)})
         self._file_count += 1
         if self._robot:
-            file.add_metadata(ROBOT_METADATA, self._robot)
+            file.add_metadata(layout.ROBOT_METADATA, self._robot)
         now = self.now()
         views = list(self._states.values())
         for prepared in self._maps.values():
