@@ -114,6 +114,23 @@ def test_only_the_latest_kinds_are_remembered_by_their_beginning(
     assert levels["a forgotten kind"] == levels["a long kind"] == logging.WARNING
 
 
+def test_a_problem_is_logged_again_once_it_has_not_occurred_for_a_while(
+    log: LogOnce, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 1.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    for pause in (0.0, 599.0, 599.0, 601.0):
+        now += pause
+        log.warn("kind", f"after {pause:g} s")
+    levels = [(record.levelno, record.message) for record in caplog.records]
+    assert levels == [
+        (logging.WARNING, "after 0 s"),
+        (logging.DEBUG, "after 599 s"),
+        (logging.DEBUG, "after 599 s"),
+        (logging.WARNING, "after 601 s"),
+    ]
+
+
 async def test_texts_of_the_chassis_are_logged_as_one_short_line(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

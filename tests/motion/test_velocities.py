@@ -285,6 +285,23 @@ async def test_an_old_velocity_is_not_sent_and_is_counted() -> None:
         assert speeds(rig.wire) == [0, 4]
 
 
+async def test_each_reason_for_which_velocities_are_not_sent_is_logged(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with gated(max_age=0.5) as rig:
+        for age in (2.0, 3.0):
+            with pytest.raises(SupersededError):
+                await soon(rig.drive(2, sender=sent(age)))
+        rig.gate.announce_stop()
+        for _ in range(2):
+            with pytest.raises(SupersededError):
+                await soon(rig.drive(2, sender=sent(0.01)))
+    told = [each.getMessage() for each in caplog.records if "not sent" in each.getMessage()]
+    assert len(told) == 2
+    assert "2.00 s old" in told[0]
+    assert "stop" in told[1]
+
+
 async def test_an_old_velocity_does_not_replace_a_newer_one_that_waits() -> None:
     async with gated(answer_nothing, max_age=60.0) as rig:
         first, frame = await stalled(rig)

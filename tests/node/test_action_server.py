@@ -8,7 +8,9 @@ from typing import Any
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
 from unique_identifier_msgs.msg import UUID
 
 from tests.harness import Client, Logs, Robot, RunningAgent, wait_future
@@ -92,6 +94,24 @@ def test_cancel_up_to_a_time_means_goals_accepted_until_then(robot: Robot) -> No
     assert result(robot, 1) in (CANCELED, ABORTED)
     assert cancel(robot, 2, former.stamp) == (CancelGoal.Response.ERROR_NONE, [2])
     assert result(robot, 2) == CANCELED
+
+
+def test_cancel_up_to_a_time_means_goals_accepted_before_the_clock_was_set_back(
+    connect: Callable[..., RunningAgent], simulator: SimulatorThread, client: Client
+) -> None:
+    connect(use_sim_time=True)
+    stop_time(simulator)
+    clock, now = client.publisher(Clock, "/clock"), Clock(clock=Time(sec=100))
+    # a message is lost if the agent has not discovered the publisher yet
+    client.in_executor(lambda: client.node.create_timer(0.1, lambda: clock.publish(now)))
+    odom = client.echo_with(Odometry, "odom", QoSProfile(depth=10))
+    odom.wait(lambda message: message.header.stamp.sec == 100)
+    assert send(client, 1).stamp == Time(sec=100)
+    assert cancel(client, stamp=Time(sec=90)) == (CancelGoal.Response.ERROR_NONE, [])
+    now.clock.sec = 90
+    odom.wait(lambda message: message.header.stamp.sec == 90)
+    assert cancel(client, stamp=Time(sec=90)) == (CancelGoal.Response.ERROR_NONE, [1])
+    assert result(client, 1) == CANCELED
 
 
 def test_cancel_of_an_id_means_no_other_goal_although_simulated_time_is_0(

@@ -97,13 +97,14 @@ class Rig:
 
     Attributes:
         chassis: the chassis.
+        agent: the node.
         topics: the received messages of each topic, by its name.
     """
 
     def __init__(self, chassis: HostileChassis, agent: RunningAgent, client: Client) -> None:
         self.chassis = chassis
         self.client = client
-        self._agent = agent.agent
+        self.agent = agent.agent
         self.link = agent.agent.robot.chassis
         self.topics: dict[str, Collector] = {}
         for topic in TOPICS:
@@ -134,7 +135,7 @@ class Rig:
             await self.link.request(SceneList(), tap=done.set_result)
             await done
 
-        self._agent.robot.thread.run(ask(), TIMEOUT)
+        self.agent.robot.thread.run(ask(), TIMEOUT)
 
     def check_topics(self) -> None:
         """Check that the numbers on the topics of the standard layer are finite."""
@@ -304,3 +305,9 @@ def test_no_value_in_a_report_on_a_goal_does_harm(rig: Rig, client: Client, logs
     status, result = running.result()
     assert status == GoalStatus.STATUS_SUCCEEDED, result.ret.msg
     check_log(logs)
+
+
+def test_reports_on_actions_that_do_not_exist_are_not_kept(rig: Rig) -> None:
+    names = ("woosh.ros.action.MoveBase", *(f"woosh.ros.action.Unknown{n}" for n in range(50)))
+    rig.push(FEEDBACKS, *({"fbs": [{"action": name, "state": 2}]} for name in names))
+    assert set(rig.agent.actions._last_feedback) == {names[0]}

@@ -17,6 +17,7 @@ from tests.quick_chassis import quick_config
 from woosh_robot_agent.pb.map.map_pack_pb2 import SceneData
 from woosh_robot_agent.ros.standard import map as map_part
 from woosh_robot_agent.simulator import Outgoing, SimulatorThread
+from woosh_robot_agent.simulator.protocol.reports import robot_info
 
 pytestmark = pytest.mark.usefixtures("frequent")
 
@@ -75,17 +76,41 @@ def test_a_map_that_costs_the_link_is_not_requested_at_once_again(
     assert office.counts[SCENE_DATA] == 1
 
 
-def test_mask_that_cannot_be_read_does_not_withhold_the_map(
+def test_a_mask_that_cannot_be_read_forbids_the_whole_map(
     office: SimulatorThread, start_agent: StartAgent, client: Client, logs: Logs
 ) -> None:
+    """The mask of the map before would permit to drive where this map forbids it."""
+
     def damage(frame: Outgoing) -> list[Outgoing]:
         if isinstance(frame.body, SceneData):
             frame.body.maps[0].keepout_png = b"no picture"
         return [frame]
 
-    office.intercept(damage)
     start_agent(ip="127.0.0.1", port=office.port)
     masks = client.echo(OccupancyGrid, "keepout_mask")
-    assert client.echo(OccupancyGrid, "map").wait_count(1)
-    assert not masks.messages
-    assert logs.wait_text("no keepout_mask, ")
+    assert not cells(masks.wait_count(1)[0]).all()
+    office.intercept(damage)
+    scene = office.call(lambda each: robot_info(each.chassis).scene)
+    scene.version += 1
+    office.push(scene)
+    mask = masks.wait_count(2)[1]
+    area = client.echo(OccupancyGrid, "map").wait(lambda each: each.header == mask.header)
+    assert mask.info == area.info
+    assert (cells(mask) == 100).all()
+    assert logs.wait_text("keepout_mask forbids the whole map")
+
+
+def test_each_reason_for_which_there_is_no_map_is_logged(
+    office: SimulatorThread,
+    start_agent: StartAgent,
+    client: Client,
+    logs: Logs,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(map_part, "_RETRY_DELAY", 0.0)
+    office.refuse(SCENE_DATA, "the first reason")
+    start_agent(ip="127.0.0.1", port=office.port)
+    client.echo(OccupancyGrid, "map")
+    logs.wait_text("no map: ", "the first reason", level="WARNING")
+    office.refuse(SCENE_DATA, "the second reason")
+    logs.wait_text("no map: ", "the second reason", level="WARNING")

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from tests.robot.rig import READY, Rig, StoppedClock
+from woosh_robot_agent.link import reports
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.robot import code_log
 
@@ -64,7 +65,7 @@ async def test_a_code_that_comes_back_is_logged_again(caplog: pytest.LogCaptureF
 async def test_a_code_that_lasts_is_not_repeated_but_an_event_is_after_a_while(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clock = StoppedClock(monkeypatch, code_log)
+    clock = StoppedClock(monkeypatch, reports)
     async with Rig({**READY, "abnormalCodes": {"scs": [PRESSED]}}).running() as rig:
         await rig.push(StatusCode(), HOT)
         clock.now += code_log.QUIET + 1

@@ -119,3 +119,16 @@ def test_every_call_within_a_step_is_made_when_it_is_due(monkeypatch: pytest.Mon
     (real, simulated), (later_real, later_simulated) = asyncio.run(run())
     assert later_simulated - simulated == pytest.approx(due[1] - due[0])
     assert later_real - real == pytest.approx(due[1] - due[0], abs=0.1 * TIME_STEP)
+
+
+def test_the_clock_ends_with_the_seconds_of_a_record(client: JsonClient) -> None:
+    """They have 32 bits, which are used up on 19 January 2038."""
+
+    def clock() -> float:
+        return float(client.request("woosh.robot.Mode")["timestamp"]) / 1000
+
+    client.subscribe(PROC)
+    client.simulator.call(lambda each: setattr(each.chassis, "clock_offset", 2**31 - SEEDED_START))
+    assert clock() == 2**31 - 1
+    client.ask("woosh.robot.ExecTask", {"type": 1, "markNo": "A2"})
+    client.next_push(PROC, lambda body: body.get("state") == 3)

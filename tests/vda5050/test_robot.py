@@ -12,6 +12,7 @@ from tests.asynchronous import eventually
 from tests.vda5050 import orders
 from tests.vda5050.chassis_events import commands
 from woosh_robot_agent.link import LinkConfig
+from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import (
     OperationState,
@@ -21,7 +22,7 @@ from woosh_robot_agent.pb.robot.robot_pb2 import (
     TaskProc,
 )
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks, kRosSuccess
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedback, Feedbacks, kRosSuccess
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import robot_pb2
 from woosh_robot_agent.pb.util import task_pb2 as task
@@ -158,6 +159,23 @@ async def test_an_action_that_is_cancelled_as_it_ends_does_not_cancel_the_next_o
         await first
     assert await calls.perform(step, lambda status: None) == "1 of 1 steps done"
     assert commands(chassis) == ["step_control execute"] * 2
+    await link.background.close()
+    await link.chassis.close()
+
+
+async def test_the_end_of_an_action_that_does_not_exist_is_not_kept(
+    chassis: SimulatorThread,
+) -> None:
+    link = RobotLink(LinkConfig(ip="127.0.0.1", port=chassis.port), Timing(), *[lambda: None] * 3)
+    calls = RobotCalls(link)
+    names = ("woosh.ros.action.Unknown", full_name(StepControl))
+    seen: list[Feedbacks] = []
+    link.chassis.subscribe(Feedbacks, seen.append)  # called when `calls` knows the ends
+    link.chassis.start()
+    await link.wait_ready()
+    chassis.push(Feedbacks(fbs=[Feedback(action=name, state=kRosSuccess) for name in names]))
+    await eventually(lambda: seen)
+    assert set(calls._ends) == {names[1]}
     await link.background.close()
     await link.chassis.close()
 

@@ -10,6 +10,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -101,6 +102,8 @@ def options(url: str, *arguments: object, **environment: str) -> BrokerConfig:
 
 
 Login = Callable[[SecureMosquitto, Path], BrokerConfig]
+Renewal = tuple[BrokerConfig, Callable[[], object]]
+"""A login with files that are out of date, and a function that renews them."""
 UNTRUSTED = ("certificate verify failed", "certificate of the broker's authority")
 
 
@@ -194,6 +197,53 @@ async def test_without_the_right_certificates_there_is_no_connection(
         for reason in reasons:
             assert reason in refusals(caplog)[0], login.__name__
         assert site.recorder.messages == [], login.__name__
+
+
+def renewed_password(broker: SecureMosquitto, folder: Path) -> Renewal:
+    config = password_from_file(broker, folder)
+    (folder / "password").write_text("an old password")
+    return config, lambda: password_from_file(broker, folder)
+
+
+def renewed_certificates(broker: SecureMosquitto, folder: Path) -> Renewal:
+    stranger = Authority(folder / "stranger")
+    files = [folder / name for name in ("ca.crt", "robot.crt", "robot.key")]
+    copy(files, stranger.certificate, *stranger.issue(SERIAL))
+    renew = partial(copy, files, broker.authority.certificate, *broker.authority.issue(SERIAL))
+    names = ("--ca-file", "--cert-file", "--key-file")
+    arguments = chain.from_iterable(zip(names, files, strict=True))
+    return options(f"mqtts://127.0.0.1:{broker.certificate_port}", *arguments), renew
+
+
+def copy(targets: list[Path], *sources: Path) -> None:
+    for target, source in zip(targets, sources, strict=True):
+        target.write_bytes(source.read_bytes())
+
+
+@pytest.mark.parametrize("login", [renewed_password, renewed_certificates])
+async def test_files_that_are_renewed_are_used_without_a_restart(
+    site: Site,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    login: Callable[[SecureMosquitto, Path], Renewal],
+) -> None:
+    config, renew = login(site.broker, tmp_path)
+    async with Master(site.broker.port) as master, site.vehicle(config):
+        await eventually(lambda: refusals(caplog))
+        renew()
+        await master.online()
+
+
+async def test_a_file_that_cannot_be_used_for_a_while_ends_nothing(
+    site: Site, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    config = password_from_file(site.broker, tmp_path)
+    (tmp_path / "password").unlink()
+    async with Master(site.broker.port) as master, site.vehicle(config):
+        await eventually(lambda: refusals(caplog))
+        assert f"cannot read the password from {tmp_path}" in refusals(caplog)[0]
+        password_from_file(site.broker, tmp_path)
+        await master.online()
 
 
 async def test_a_vehicle_may_use_its_own_topics_only(

@@ -128,50 +128,39 @@ def log_to_stderr(level: int, record_format: str, *filters: logging.Filter) -> N
     logging.basicConfig(level=level, handlers=[handler])
 
 
+QUIET = 600.0
+"""Time without a problem after which it is logged again, in seconds."""
+DROPS_QUIET = 3.0
+"""The same for pushes and commands that are dropped, whose totals are in counters."""
+
+
 class LogOnce:
-    """Logs each kind of problem once, until it is cleared."""
+    """Logs each kind of problem once, until it is cleared, or has not occurred for a while.
 
-    def __init__(self, logger: logging.Logger) -> None:
+    Args:
+        quiet: that while, in seconds.
+    """
+
+    def __init__(self, logger: logging.Logger, quiet: float = QUIET) -> None:
         self._logger = logger
-        self._logged: RecentDict[str, None] = RecentDict(_MAX_KINDS)
-        """The kinds of problems that were logged, and not cleared since."""
+        self._quiet = quiet
+        self._latest: RecentDict[str, float] = RecentDict(_MAX_KINDS)
+        """Monotonic time of the latest problem of each kind that was not cleared since."""
 
-    def warn(self, kind: str, text: str) -> None:
-        """Log `text`: the first one of its kind at WARNING, the others at DEBUG, until cleared."""
-        kind = kind[:_LONGEST_KIND]
-        repeated = kind in self._logged
-        if not repeated:
-            self._logged[kind] = None
-        self._logger.log(
-            logging.DEBUG if repeated else logging.WARNING, "%s", one_line(text, _LONGEST_LINE)
-        )
+    def warn(self, kind: str, text: str, level: int = logging.WARNING) -> None:
+        """Log `text` at a level; at DEBUG if a problem of its kind has just been logged."""
+        kind, now = kind[:_LONGEST_KIND], time.monotonic()
+        if now - self._latest.get(kind, -math.inf) <= self._quiet:
+            level = logging.DEBUG
+        self._latest[kind] = now
+        self._logger.log(level, "%s", one_line(text, _LONGEST_LINE))
 
     def clear(self, kind: str | None = None) -> None:
         """Forget one kind of problem, or all of them, so that it is logged again."""
         if kind is None:
-            self._logged.clear()
+            self._latest.clear()
         else:
-            self._logged.pop(kind[:_LONGEST_KIND], None)
-
-
-_QUIET = 3.0
-"""Time without a drop of the same kind after which the next one is logged again, in seconds."""
-
-
-class DropLog:
-    """Logs the first of drops that follow each other closely; totals are in counters."""
-
-    def __init__(self, logger: logging.Logger) -> None:
-        self._logger = logger
-        self._latest: dict[str, float] = {}
-        """Monotonic time of the latest drop, by kind."""
-
-    def warn(self, kind: str, text: str) -> None:
-        """Log `text` unless there was a drop of the same kind just before."""
-        now = time.monotonic()
-        if now - self._latest.get(kind, -math.inf) > _QUIET:
-            self._logger.warning("%s", text)
-        self._latest[kind] = now
+            self._latest.pop(kind[:_LONGEST_KIND], None)
 
 
 class LinkRecord:
@@ -186,4 +175,4 @@ class LinkRecord:
     def __init__(self, logger: logging.Logger) -> None:
         self.stats = LinkStats()
         self.log = LogOnce(logger)
-        self.drops = DropLog(logger)
+        self.drops = LogOnce(logger, DROPS_QUIET)

@@ -32,6 +32,7 @@ import asyncio
 import contextlib
 import logging
 import math
+import re
 import time
 from collections.abc import Callable, Collection, Coroutine
 from dataclasses import dataclass
@@ -49,7 +50,7 @@ from woosh_robot_agent.link import (
     SupersededError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.reports import DropLog
+from woosh_robot_agent.link.reports import DROPS_QUIET, LogOnce
 from woosh_robot_agent.link.subscriptions import call_logged
 from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.motion.requests import commands_motion, may_move, started_by, takes_wheels
@@ -287,7 +288,7 @@ class MotionGate:
         self._stalls = StallWatch(lambda: self.timing)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
-        self._drops = DropLog(_LOG)
+        self._drops = LogOnce(_LOG, DROPS_QUIET)
         self.superseded = 0
         chassis.on_state(self._link_changed)
         self._link_changed(chassis.state)
@@ -420,10 +421,11 @@ class MotionGate:
                 )
 
     def count_superseded(self, reason: str) -> None:
-        """Count a velocity that was not sent; log the first one of a series, with the reason."""
+        """Count a velocity that was not sent; log the first one of a series for each reason."""
         if self._forbidden_until < math.inf:  # after closing, refusals are expected
             self.superseded += 1
-            self._drops.warn("velocity", reason)
+            kind = re.sub(r"\d", "", reason)  # the reason without its age, which varies
+            self._drops.warn(kind, reason)
 
     def on_stop(self, callback: Callable[[], None]) -> None:
         """Call `callback` at the beginning of each stop."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from collections.abc import Coroutine
 from typing import Any
 
 from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Body, ChassisClient
-from woosh_robot_agent.link.reports import LogOnce, RecentDict
+from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
 from woosh_robot_agent.robot.readiness import Objection
@@ -23,8 +22,6 @@ _LOG = logging.getLogger(__name__)
 
 QUIET = 60.0
 """Time after which a code that was not sent meanwhile is logged again, in seconds."""
-_MAX_CODES = 500
-"""Maximum number of codes that are remembered."""
 _LEVELS = {StatusCode.kWarn: logging.WARNING, StatusCode.kFault: logging.ERROR}
 """Logging levels of warnings and faults, by level of the status code."""
 
@@ -37,8 +34,7 @@ class CodeLog:
     """
 
     def __init__(self, chassis: ChassisClient) -> None:
-        self._logged: RecentDict[int, float] = RecentDict(_MAX_CODES)
-        """Monotonic time at which a logged code was last sent, by number of the code."""
+        self._log = LogOnce(_LOG, QUIET)
         self._abnormal: frozenset[int] = frozenset()
         """The codes in the last AbnormalCodes."""
         chassis.on_snapshot(lambda info: self._abnormal_changed(info.abnormal_codes))
@@ -49,23 +45,22 @@ class CodeLog:
         """Log the codes that last; forget those that have ended."""
         before, self._abnormal = self._abnormal, frozenset(code.code for code in codes.scs)
         for number in before - self._abnormal:  # a code that comes back is logged again
-            self._logged.pop(number, None)
+            self._log.clear(str(number))
         for code in codes.scs:
-            self._log(code)
+            if code.code not in before:
+                self._log_code(code)
 
     def _pushed(self, body: Body) -> None:
         """Log a status code if it is a warning or a fault."""
         if body.read(_is_logged_json, _is_logged):  # without decoding the other codes
-            self._log(body.message())
+            code = body.message()
+            if code.code not in self._abnormal:  # else it is logged already
+                self._log_code(code)
 
-    def _log(self, code: StatusCode) -> None:
-        """Log a code, unless it was logged and still lasts."""
+    def _log_code(self, code: StatusCode) -> None:
         level = _LEVELS.get(code.level, logging.DEBUG)
-        now = time.monotonic()
-        last = self._logged.get(code.code)
-        self._logged[code.code] = now
-        if last is None or (now - last > QUIET and code.code not in self._abnormal):
-            _LOG.log(level, "the robot reports %s", explained(code.code, code.msg))
+        text = f"the robot reports {explained(code.code, code.msg)}"
+        self._log.warn(str(code.code), text, level)
 
 
 def _is_logged_json(value: Any) -> bool:

@@ -72,7 +72,7 @@ class VelocitySources:
         """The simultaneous sources that were last reported."""
         self._simultaneous_until = -math.inf
         """Monotonic time until which `simultaneous` returns these sources."""
-        self._log = LogOnce(_LOG)
+        self._log = LogOnce(_LOG, SHOWN)
         self._callers = Interleaving()
         """Detects several clients of the service robot/Twist."""
         gate.on_answered(self._answered)
@@ -88,8 +88,6 @@ class VelocitySources:
 
     def report(self, *sources: str) -> None:
         """Report sources that command velocities at the same time."""
-        if not self.simultaneous:
-            self._log.clear()  # after a pause, the same sources are logged again
         self._simultaneous = tuple(sorted(sources))
         self._simultaneous_until = time.monotonic() + SHOWN
         self._log.warn(str(self._simultaneous), simultaneous_warning(self._simultaneous))

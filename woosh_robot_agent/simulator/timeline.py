@@ -26,6 +26,10 @@ def copy_of(message: _M) -> _M:
     return copy
 
 
+_LATEST = 2.0**31 - 1
+"""The last Unix time that the fields of a record can hold, in seconds: 19 January 2038."""
+
+
 class Timeline:
     """The clock of the robot, the scheduled calls, and the emitted messages.
 
@@ -57,8 +61,8 @@ class Timeline:
 
     @property
     def time(self) -> float:
-        """Clock of the robot: simulated Unix time, in seconds."""
-        return self._start_time + self.clock_offset + self.elapsed
+        """Clock of the robot: simulated Unix time, in seconds. It stops at `_LATEST`."""
+        return min(self._start_time + self.clock_offset + self.elapsed, _LATEST)
 
     @property
     def next_call(self) -> float:

@@ -12,6 +12,7 @@ import ssl
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -58,14 +59,24 @@ _LOGIN_REFUSED = frozenset({4, 5, 134, 135})
 """Reason codes of MQTT 3.1.1 and 5 for a wrong user name or password, or a missing right."""
 
 
+class LoginFileError(ValueError):
+    """A file of the login at the broker cannot be used; the text says why."""
+
+
 @dataclass(frozen=True)
 class BrokerConfig:
     """Address of the broker, and how to log in.
 
+    The files may be renewed while the program runs: each attempt to connect reads them again.
+
     Attributes:
-        tls: TLS settings; None for a connection without TLS.
+        tls: True for a connection with TLS.
         username: user name; None for a login without a name.
         password: password; None for a login without a password.
+        password_file: file with the password in its first line; None for `password`.
+        ca_file: certificates of the authorities that are trusted; None for those of the system.
+        cert_file: client certificate; None for a login without one.
+        key_file: its key; None if it is in `cert_file`.
         keepalive: interval of the MQTT keep-alive, in seconds. The broker publishes the last will
             if nothing arrives for 1.5 times as long.
         backoff_max: longest pause between attempts to connect, in seconds.
@@ -73,9 +84,13 @@ class BrokerConfig:
 
     host: str
     port: int
-    tls: ssl.SSLContext | None = field(default=None, repr=False, compare=False)
+    tls: bool = False
     username: str | None = None
     password: str | None = field(default=None, repr=False)
+    password_file: Path | None = None
+    ca_file: Path | None = None
+    cert_file: Path | None = None
+    key_file: Path | None = None
     keepalive: int = 15
     backoff_max: float = 15.0
 
@@ -95,10 +110,40 @@ class BrokerConfig:
         return cls(
             host=parts.hostname,
             port=parts.port or _DEFAULT_PORTS[parts.scheme],
-            tls=ssl.create_default_context() if parts.scheme == "mqtts" else None,
+            tls=parts.scheme == "mqtts",
             username=None if parts.username is None else unquote(parts.username),
             password=None if parts.password is None else unquote(parts.password),
         )
+
+    def read_password(self) -> str | None:
+        """Return the password; None without one.
+
+        Raises:
+            LoginFileError: its file cannot be read, or has no password.
+        """
+        path = self.password_file
+        if path is None:
+            return self.password
+        try:
+            lines = path.read_text("utf-8").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise LoginFileError(
+                f"cannot read the password from {path}: {_reason(error)}"
+            ) from None
+        if not lines or not lines[0]:
+            raise LoginFileError(f"there is no password in the first line of {path}")
+        return lines[0]
+
+    def tls_context(self) -> ssl.SSLContext | None:
+        """Return the TLS settings; None for a connection without TLS.
+
+        Raises:
+            LoginFileError: a file cannot be used.
+        """
+        if not self.tls:
+            return None
+        files = (self.ca_file, self.cert_file, self.key_file)
+        return _tls(*files, tuple(map(_modified, files)))
 
 
 class Publication(NamedTuple):
@@ -180,7 +225,7 @@ class MqttConnection:
             try:
                 await self._serve_connection()
                 reason = "the broker closed it"
-            except (aiomqtt.MqttError, OSError) as error:
+            except (aiomqtt.MqttError, OSError, LoginFileError) as error:
                 reason = _explained(error)
             except Exception as error:  # the loop must survive whatever a library raises
                 _LOG.debug("the connection to the broker failed", exc_info=True)
@@ -201,18 +246,19 @@ class MqttConnection:
 
         Raises:
             MqttError: the connection failed.
+            LoginFileError: a file of the login cannot be used.
         """
         broker = self._broker
         async with _Client(
             broker.host,
             broker.port,
             username=broker.username,
-            password=broker.password,
+            password=broker.read_password(),
             identifier=self._client_id,
             will=aiomqtt.Will(*self._last_will()),
             clean_session=True,
             keepalive=broker.keepalive,
-            tls_context=broker.tls,
+            tls_context=broker.tls_context(),
             logger=_LIBRARY_LOG,
             queue_type=ReceiveQueue,
         ) as client:
@@ -475,62 +521,66 @@ def broker_config(
     Raises:
         ValueError: an option is invalid; the text gives the reason.
     """
-    broker = BrokerConfig.from_url(options.broker)
+    broker = replace(
+        BrokerConfig.from_url(options.broker),
+        password_file=options.password_file,
+        ca_file=options.ca_file,
+        cert_file=options.cert_file,
+        key_file=options.key_file,
+    )
     if options.username is not None:
         broker = replace(broker, username=options.username)
-    password = _password(options.password_file, environment)
-    if password is not None:
+    if password := environment.get(_PASSWORD_VARIABLE):
         broker = replace(broker, password=password)
-    if broker.password is not None and broker.username is None:
+    if broker.read_password() is not None and broker.username is None:
         raise ValueError("a password needs a user name: --username NAME")
     files = {"--ca-file": options.ca_file, "--cert-file": options.cert_file}
     files["--key-file"] = options.key_file
     given = [name for name, path in files.items() if path is not None]
-    if not given:
-        return broker
-    if broker.tls is None:
+    if given and not broker.tls:
         raise ValueError(f"{given[0]} needs TLS: begin the URL of the broker with mqtts://")
     if options.key_file is not None and options.cert_file is None:
         raise ValueError("--key-file needs --cert-file")
-    return replace(broker, tls=_tls(options.ca_file, options.cert_file, options.key_file))
+    broker.tls_context()
+    return broker
 
 
-def _password(path: Path | None, environment: Mapping[str, str]) -> str | None:
-    """Return the password in the first line of a file, or of the environment; None without one.
-
-    Raises:
-        ValueError: the file cannot be read, or has no password.
-    """
-    if path is None:
-        return environment.get(_PASSWORD_VARIABLE) or None
+def _modified(path: Path | None) -> int:
+    """Return the time at which a file was changed, in ns; 0 without a file that can be read."""
     try:
-        lines = path.read_text("utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"cannot read the password from {path}: {_reason(error)}") from None
-    if not lines or not lines[0]:
-        raise ValueError(f"there is no password in the first line of {path}")
-    return lines[0]
+        return path.stat().st_mtime_ns if path else 0
+    except OSError:
+        return 0
 
 
-def _tls(ca_file: Path | None, cert_file: Path | None, key_file: Path | None) -> ssl.SSLContext:
+@lru_cache(maxsize=1)
+def _tls(
+    ca_file: Path | None, cert_file: Path | None, key_file: Path | None, _versions: tuple[int, ...]
+) -> ssl.SSLContext:
     """Return TLS settings with the given files; without `ca_file`, the system's authorities count.
 
+    To load those takes up to 0.2 s, so the settings are kept until a file has changed.
+
     Raises:
-        ValueError: a file cannot be used.
+        LoginFileError: a file cannot be used.
     """
 
     def no_password() -> str:
-        raise ValueError("the private key is encrypted; decrypt it, and protect its file instead")
+        raise LoginFileError(
+            "the private key is encrypted; decrypt it, and protect its file instead"
+        )
 
     try:
         context = ssl.create_default_context(cafile=ca_file)
     except OSError as error:
-        raise ValueError(f"cannot use the certificates in {ca_file}: {_reason(error)}") from None
+        raise LoginFileError(
+            f"cannot use the certificates in {ca_file}: {_reason(error)}"
+        ) from None
     if cert_file is not None:
         try:
             context.load_cert_chain(cert_file, key_file, password=no_password)
         except OSError as error:
-            raise ValueError(
+            raise LoginFileError(
                 f"cannot use the certificate in {cert_file} with the key in "
                 f"{key_file or cert_file}: {_reason(error)}"
             ) from None

@@ -39,7 +39,12 @@ def other() -> Iterator[SimulatorThread]:
 @pytest.fixture
 def certificate(tmp_path: Path) -> list[str]:
     """Options with a new certificate for this machine, and its key."""
-    files = [str(tmp_path / name) for name in ("cert.pem", "key.pem")]
+    return new_certificate(tmp_path)
+
+
+def new_certificate(folder: Path) -> list[str]:
+    """Return options with a new certificate for this machine, and its key."""
+    files = [str(folder / name) for name in ("cert.pem", "key.pem")]
     subprocess.run(
         ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"]
         + ["-nodes", "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"]

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import ssl
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 from websockets.exceptions import InvalidHandshake
 
 from tests.asynchronous import eventually
+from tests.tools.dashboard.conftest import new_certificate
 from tests.tools.dashboard.pages import fetch, page, place, program
+from woosh_robot_agent.link import LinkConfig
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.simulator import SimulatorThread
-from woosh_robot_agent.tools.dashboard.program import main
+from woosh_robot_agent.tools.dashboard import program as dashboard_program
+from woosh_robot_agent.tools.dashboard.program import _run, _tls, main, make_parser
+from woosh_robot_agent.tools.dashboard.server import DashboardConfig
 
 
 async def end_while_driving(chassis: SimulatorThread, end: signal.Signals) -> int:
@@ -71,6 +77,43 @@ async def test_the_page_is_served_over_https_and_a_robot_that_is_named_twice_is_
                 pass
         process.send_signal(signal.SIGINT)
         await eventually(lambda: process.poll() == 0)
+
+
+async def test_a_renewed_certificate_is_used_without_a_restart(
+    certificate: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(dashboard_program, "_RENEWAL_PERIOD", 0.05)
+    (tmp_path / "new").mkdir()
+    files, new_files = (
+        [Path(each) for each in options[1::2]]
+        for options in (certificate, new_certificate(tmp_path / "new"))
+    )
+    former, renewed = files[0].read_text(), new_files[0].read_text()
+    options = make_parser().parse_args(["--ip", "127.0.0.1", *certificate])
+    config = DashboardConfig(port=0, tls=_tls(make_parser(), options))
+    robots = [LinkConfig(ip="127.0.0.1", port=1)]
+    running = asyncio.create_task(_run(robots, config, certificate[1::2]))
+    try:
+        line = await eventually(lambda: capsys.readouterr().out)
+
+        async def served() -> str:
+            port = urlsplit(line.split()[-1]).port
+            return await asyncio.to_thread(ssl.get_server_certificate, ("127.0.0.1", port))
+
+        assert await served() == former
+        files[0].write_text(renewed)  # its key is still that of the former one
+        await eventually(lambda: "is still served with the former certificate" in caplog.text)
+        assert await served() == former
+        files[1].write_bytes(new_files[1].read_bytes())
+        await eventually(lambda: "the renewed certificate is used" in capsys.readouterr().err)
+        assert await served() == renewed
+    finally:
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
 
 
 @pytest.mark.parametrize(

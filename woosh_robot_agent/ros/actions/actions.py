@@ -38,6 +38,8 @@ from woosh_robot_agent.ros.actions.server import Goal, GoalServer
 from woosh_robot_agent.ros.actions.tasks import TaskGoal, TaskSetGoal, unused_task_ids
 from woosh_robot_agent.ros.context import RobotContext
 
+_COMMANDS = frozenset(action.arg for action in ACTIONS)
+"""Full names of the commands of all actions."""
 _MAX_REPORTS = 100
 """Maximum number of tasks whose last report is remembered."""
 
@@ -262,7 +264,11 @@ class Actions:
     def _pushed(self, message: Message) -> None:
         self._post(Pushed(message))
         if isinstance(message, Feedbacks):
-            self._last_feedback.update((feedback.action, feedback) for feedback in message.fbs)
+            self._last_feedback.update(
+                (feedback.action, feedback)
+                for feedback in message.fbs
+                if feedback.action in _COMMANDS
+            )
         elif isinstance(message, TaskProc) and message.robot_task_id:  # not an empty report
             self._last_reports[message.robot_task_id] = message
 

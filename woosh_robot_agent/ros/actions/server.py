@@ -283,9 +283,13 @@ class GoalServer:
         self._publish_status()
 
     def _selected(self, info: GoalInfo) -> list[Goal]:
-        """Return the goals that a cancel selects by the rules of action_msgs/srv/CancelGoal."""
+        """Return the goals that a cancel selects by the rules of action_msgs/srv/CancelGoal.
+
+        A stamp later than now is from before the clock was set back: it is not known when the goal
+        was accepted, so each time selects it.
+        """
         goal_id = _key(info)
-        accepted_until = _nanoseconds(info)
+        accepted_until, now = _nanoseconds(info), self._node.get_clock().now().nanoseconds
         goals = {**self._goals, **self._unchecked}
         if not any(goal_id) and not accepted_until:
             return list(goals.values())
@@ -293,7 +297,8 @@ class GoalServer:
             goal
             for key, goal in goals.items()
             # 0 means no time, though it is also the stamp of a goal before simulated time starts
-            if key == goal_id or (accepted_until and _nanoseconds(goal.info) <= accepted_until)
+            if key == goal_id
+            or (accepted_until and not accepted_until < _nanoseconds(goal.info) <= now)
         ]
 
     async def _result_requested(self, request: Any, reply: Reply, _taken: float) -> None:

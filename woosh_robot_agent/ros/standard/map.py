@@ -131,6 +131,8 @@ _RETRY_DELAY = 10.0
 a map may be too large for the link, or exceed `max_frame_size`, which costs the link."""
 _MAX_RETRY_DELAY = 300.0
 """Longest such delay, in seconds."""
+_FORBIDDEN = 100
+"""Value of a cell in a keep-out area."""
 
 
 class MapVersion(NamedTuple):
@@ -260,7 +262,7 @@ class Map(Part):
             if isinstance(error, ConnectionLostError | RequestTimeoutError):
                 self._not_before = clock() + self._retry.next()
             self._costs_link = isinstance(error, ConnectionLostError)
-            self._log.warn("map", f"no map: {error}")
+            self._log.warn(str(error), f"no map: {error}")
             return
         try:
             origin = Pose2D.from_message(area.origin)
@@ -274,26 +276,32 @@ class Map(Part):
             return
         self._retry.reset()
         self._publisher.publish(message)
-        if mask is not None:
-            self._keepout_publisher.publish(mask)
+        self._keepout_publisher.publish(mask)
         self._published = used
         self._shows_growing = False
 
-    async def _keepout_mask(
-        self, area: SceneData.Map, published: OccupancyGrid
-    ) -> OccupancyGrid | None:
-        """Return the mask that belongs to a published map; None if it cannot be read."""
+    async def _keepout_mask(self, area: SceneData.Map, published: OccupancyGrid) -> OccupancyGrid:
+        """Return the mask that belongs to a published map; it forbids all if it cannot be read."""
         if not area.keepout_png:  # a map without keep-out areas
-            cells = array.array("b", bytes(len(published.data)))
-            return OccupancyGrid(header=published.header, info=published.info, data=cells)
+            return _uniform_mask(published, 0)
         try:
             origin = Pose2D.from_message(area.origin)
             mask = await grid(self._context, area.keepout_png, area.resolution, origin)
         except ValueError as error:
-            self._context.chassis.count_bad_value(SceneData, f"no keepout_mask, {error}")
-            return None
+            self._context.chassis.count_bad_value(
+                SceneData,
+                "keepout_mask forbids the whole map until its keep-out areas are saved again, "
+                f"{error}",
+            )
+            return _uniform_mask(published, _FORBIDDEN)
         mask.header, mask.info.map_load_time = published.header, published.info.map_load_time
         return mask
+
+
+def _uniform_mask(area: OccupancyGrid, cell: int) -> OccupancyGrid:
+    """Return a mask for a map with the same value in each cell."""
+    cells = array.array("b", bytes((cell,)) * len(area.data))
+    return OccupancyGrid(header=area.header, info=area.info, data=cells)
 
 
 async def grid(

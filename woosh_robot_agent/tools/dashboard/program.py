@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import errno
 import logging
+import os
 import socket
 import ssl
 import sys
@@ -12,7 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.reports import log_to_stderr
+from woosh_robot_agent.link.reports import LogOnce, log_to_stderr
+from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.tools.dashboard.access import (
     Role,
     kept_tokens,
@@ -30,6 +33,10 @@ from woosh_robot_agent.tools.options import (
     tool_parser,
 )
 
+_LOG = logging.getLogger(__name__)
+_RENEWAL_PERIOD = 60.0
+"""Time between two checks if the certificate was renewed, in seconds."""
+_PEM_HINT = "give PEM files that belong together, and a key without a password"
 _EPILOG = """\
 Without --control, nothing is sent that changes or moves something: the page only
 shows. --ip can be repeated."""
@@ -66,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         control_config=ControlConfig(options.max_linear, options.max_angular),
     )
     log_to_stderr(logging.WARNING, "%(levelname)s: %(message)s")
-    return run_tool(_run(robots, config))
+    return run_tool(_run(robots, config, _certificate_files(options)))
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -122,19 +129,56 @@ def _tls(parser: argparse.ArgumentParser, options: argparse.Namespace) -> ssl.SS
         return None
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     try:
-        context.load_cert_chain(
-            options.tls_cert,
-            options.tls_key,
-            password=lambda: parser.error("--tls-key is encrypted: give a key without a password"),
-        )
-    except OSError as error:  # also for files that are no certificate, or do not belong together
-        parser.error(
-            f"cannot use --tls-cert and --tls-key: {error}; give PEM files that belong together"
-        )
+        _load(context, _certificate_files(options))
+    except (OSError, ValueError) as error:  # also if they are no certificate or key
+        parser.error(f"cannot use --tls-cert and --tls-key: {error}; {_PEM_HINT}")
     return context
 
 
-async def _run(robots: Sequence[LinkConfig], config: DashboardConfig) -> int:
+def _certificate_files(options: argparse.Namespace) -> list[str]:
+    """Return the files of `--tls-cert` and `--tls-key`, as far as they are given."""
+    return [each for each in (options.tls_cert, options.tls_key) if each is not None]
+
+
+def _load(context: ssl.SSLContext, files: Sequence[str]) -> None:
+    """Load a certificate, and its key if it has a file of its own, for further connections.
+
+    Raises:
+        OSError, ValueError: the files cannot be used.
+    """
+
+    def no_password() -> str:
+        raise ValueError("the key is encrypted")
+
+    context.load_cert_chain(files[0], files[-1], password=no_password)
+
+
+async def _use_renewed(context: ssl.SSLContext, files: Sequence[str]) -> None:
+    """Load a certificate again whenever its files have changed."""
+    log = LogOnce(_LOG)
+    loaded: list[int] = []
+    while True:
+        try:
+            versions = [os.stat(each).st_mtime_ns for each in files]
+            if loaded and versions != loaded:
+                # tried first, because a failure leaves a context without a key
+                _load(ssl.create_default_context(ssl.Purpose.CLIENT_AUTH), files)
+                _load(context, files)
+                print("the renewed certificate is used", file=sys.stderr, flush=True)
+                log.clear()
+            loaded = versions
+        except (OSError, ValueError) as error:
+            log.warn(
+                str(error),
+                "the page is still served with the former certificate: cannot use "
+                f"{' and '.join(files)}: {error}; {_PEM_HINT}",
+            )
+        await asyncio.sleep(_RENEWAL_PERIOD)
+
+
+async def _run(
+    robots: Sequence[LinkConfig], config: DashboardConfig, certificate_files: Sequence[str]
+) -> int:
     stop = stop_event()
     dashboard = Dashboard(robots, config)
     try:
@@ -149,6 +193,11 @@ async def _run(robots: Sequence[LinkConfig], config: DashboardConfig) -> int:
         where = f"{config.host}, port {config.port}"
         reason = error.strerror or error
         raise ToolError(f"cannot serve the page on {where}: {reason}; {remedy}") from None
+    renewal: asyncio.Task[None] | None = None
+    if config.tls is not None:
+        renewal = start_task(
+            _use_renewed(config.tls, certificate_files), "renewal of the certificate"
+        )
     try:
         print(f"dashboard ready at {dashboard.url}", flush=True)
         if config.control:
@@ -162,5 +211,7 @@ async def _run(robots: Sequence[LinkConfig], config: DashboardConfig) -> int:
                 print(f"to watch only: {dashboard.urls[Role.LOOK]}", file=sys.stderr)
         await stop.wait()
     finally:
+        if renewal is not None:
+            renewal.cancel()
         await dashboard.close()
     return 0

@@ -297,7 +297,8 @@ class RobotCalls:
         """Remember the ends of actions, and forget those after which another action has begun."""
         for report in reports:
             if report.state == ros_pack_pb2.kRosSuccess or report.state in _FAILURES:
-                self._ends[report.action] = report
+                if report.action in _FIELDS:
+                    self._ends[report.action] = report
             else:
                 self._ends.pop(report.action, None)
 
