@@ -416,7 +416,7 @@ class Execution:
                     self.drive.want(command)
         self.speed.limit(self.order.speed_limit)
 
-    def _take_instant(self) -> list[Perform]:
+    def _take_instant(self) -> list[Perform | EndAction]:
         commands, self.instant.commands = self.instant.commands, []
         return commands
 

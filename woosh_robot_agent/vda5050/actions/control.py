@@ -95,8 +95,12 @@ async def stop_pause(run: Run) -> None:
     repeatable=True,
 )
 async def cancel_order(run: Run) -> None:
-    """Cancel the current order, wait until everything has stopped, and empty the order."""
+    """Cancel the current order, wait until everything has stopped, and empty the order.
+
+    The instant actions that came before are cancelled, too, for they may move the robot.
+    """
     execution, order = run.execution, run.execution.order
+    instant = execution.instant
     # after a last action whose end is unknown, only the error is left of the order
     if not (order.busy or order.error or execution.has_leftovers):
         raise ActionFailedError(_NO_ORDER(), ErrorType.NO_ORDER_TO_CANCEL)
@@ -107,10 +111,13 @@ async def cancel_order(run: Run) -> None:
         )
     if not order.canceling:
         order.cancel()
+    instant.cancel_before(run.action.id)
     execution.cancel_leftovers()
     run.link.changed()  # sends the cancellation to the robot
 
     def is_done() -> bool:
+        if instant.unfinished_before(run.action.id):
+            return False
         if not order.canceling:  # another cancelOrder has emptied the order
             return True
         return order.has_ended and not execution.has_own_motion and not execution.has_leftovers

@@ -121,7 +121,8 @@ class ActionType:
         scopes: where the action may be requested.
         result: meaning of the result; empty for an action without a result.
         blocking: blocking types that the action may have on nodes and edges.
-        pausable: True if the action moves something, so that it is paused with the vehicle.
+        pausable: True if the action moves something, so that it is paused with the vehicle, and can
+            be ended before its end.
         repeatable: True if an instant action may repeat the id of an instant action that has ended.
     """
 
@@ -133,6 +134,11 @@ class ActionType:
     blocking: frozenset[BlockingType] = frozenset(BlockingType)
     pausable: bool = False
     repeatable: bool = False
+
+    @property
+    def controls_vehicle(self) -> bool:
+        """True if the action controls the vehicle itself, and waits for no other action."""
+        return self.scopes == {Scope.INSTANT}
 
     def find_objection(self, action: Action, scope: Scope) -> Objection | None:
         """Return why an action of this type is impossible in a scope; None if it is possible."""

@@ -331,7 +331,8 @@ def _action_type(version: Version, action: ActionType) -> Fields:
     if version.is_3:  # in version 2.1 no list of blocking types fits the published schema
         message["blockingTypes"] = sorted(each.value for each in action.blocking)
         # the published schema demands texts, although the text of the standard says Boolean
-        message |= {"pauseAllowed": str(action.pausable).lower(), "cancelAllowed": "true"}
+        pausable = str(action.pausable).lower()
+        message |= {"pauseAllowed": pausable, "cancelAllowed": pausable}
     return _without_empty(message)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import takewhile
 
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.factsheet import (
@@ -22,7 +23,7 @@ from woosh_robot_agent.vda5050.messages.state import (
     VehicleError,
     warning,
 )
-from woosh_robot_agent.vda5050.orders.legs import Perform
+from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 
 START_PAUSE, STOP_PAUSE, CANCEL_ORDER = "startPause", "stopPause", "cancelOrder"
@@ -56,7 +57,7 @@ class InstantActions:
         order: the current order, which must not drive while an instant action forbids driving.
 
     Attributes:
-        commands: commands that start actions; `Execution` takes them.
+        commands: commands that start or end actions; `Execution` takes them.
         last_motion: id of the last instant action that moves something; empty if there was none
             since the start of the program.
         errors: the last errors of refused instant actions, and of all actions that failed.
@@ -69,7 +70,7 @@ class InstantActions:
         """The instant actions in the state, by id."""
         self._known: dict[str, None] = {}
         """Ids of the last instant actions, the oldest first; a dict serves as an ordered set."""
-        self.commands: list[Perform] = []
+        self.commands: list[Perform | EndAction] = []
         self._pause_again: dict[str, Action] = {}
         """Repeated startPause actions, by id: they came while a startPause with the same id was
         running, and are received again when that one has ended."""
@@ -99,6 +100,24 @@ class InstantActions:
             ended: True to include the actions that have ended.
         """
         return {key for key, state in self._states.items() if ended or not state.status.ended}
+
+    def unfinished_before(self, action_id: str) -> list[ActionState]:
+        """Return the actions that came before another one and have not ended.
+
+        Those that control the vehicle itself, e.g. pauses, are left out.
+        """
+        earlier = takewhile(lambda state: state.id != action_id, self._states.values())
+        return [
+            state
+            for state in earlier
+            if not state.status.ended and not self._types[state.type].controls_vehicle
+        ]
+
+    def cancel_before(self, action_id: str) -> None:
+        """Add commands to end the actions of `unfinished_before`."""
+        for state in self.unfinished_before(action_id):
+            action = Action(state.id, state.type)
+            self.commands.append(EndAction(action, "the order was cancelled"))
 
     def receive(self, actions: Sequence[Action]) -> None:
         """Begin instant actions; refuse those that are impossible or reuse an id wrongly."""
@@ -198,8 +217,7 @@ class InstantActions:
 
     def _start(self, action: Action, kind: ActionType) -> None:
         """Add the command to perform an action; hold the order if the action forbids driving."""
-        if kind.scopes == {Scope.INSTANT}:
-            # the action controls the vehicle itself, so it ignores its blockingType
+        if kind.controls_vehicle:  # it ignores its blockingType
             self.commands.append(Perform(action, at_once=True))
             return
         if kind.pausable:
