@@ -103,7 +103,7 @@ class Vehicle:
         config = self._config
         self._robot_identity = RobotIdentity.of(info)
         identity = Identity(config.manufacturer, config.serial_number or serial_number(info))
-        handlers: dict[Topic, Callable[[Identity, bytes], bool]] = {
+        handlers: dict[Topic, Callable[[Identity, bytes], None]] = {
             Topic.ORDER: self._intake.take_order,
             Topic.INSTANT_ACTIONS: self._intake.take_instant_actions,
             Topic.ZONE_SET: self._intake.refuse_zone_set,
@@ -133,13 +133,16 @@ class Vehicle:
         """
         execution, info = self._execution, self._reported.info
         assert info is not None  # the session begins after the first report
-        execution.order_error = damage
+        if damage is not None:
+            execution.report_order_error(damage)
         former = RobotIdentity(record.robot_id, record.serial_number)
         if former.differs_from(self._robot_identity):
             if record.order.is_unfinished:
                 reason = _DROPPED(order=record.order.order_id, robot=str(former))
                 _LOG.error("%s; now %s answers", reason, self._robot_identity)
-                execution.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
+                execution.report_order_error(
+                    warning(ErrorType.INTERRUPTED, reason, "send a new order")
+                )
             return
         self._is_updating = True  # nothing is saved or sent before everything is restored
         execution.speed.restore(record.speed_is_limited)
@@ -207,11 +210,11 @@ class Vehicle:
     # Events
 
     def _received(
-        self, take: Callable[[Identity, bytes], bool], identity: Identity, payload: bytes
+        self, take: Callable[[Identity, bytes], None], identity: Identity, payload: bytes
     ) -> None:
         """Handle a message of the master control with `take`, a method of `Intake`."""
-        if take(identity, payload):
-            self._update()
+        take(identity, payload)
+        self._update()
 
     def _moved(self) -> None:
         """Handle a new pose of the robot, which comes several times per second."""
@@ -276,8 +279,10 @@ class Vehicle:
         order = replace(order, actions=actions, paused=execution.paused)
         if not self._link.ready:
             robot = replace(robot, velocity=None)  # the last one may not hold any more
+        if not execution.order.driving:
+            robot = replace(robot, path=())  # of a task that is not of the order
         errors = (
-            execution.order_error,
+            *execution.order_errors,
             self._intake.message_error,
             *execution.order.errors,
             *execution.instant.errors,

@@ -22,7 +22,7 @@ from woosh_robot_agent.vda5050.actions.performing import (
     Run,
     vehicle_action,
 )
-from woosh_robot_agent.vda5050.messages.factsheet import ParameterType
+from woosh_robot_agent.vda5050.messages.factsheet import NOT_EMPTY, ParameterType
 from woosh_robot_agent.vda5050.messages.state import NO_STATE, ActionFailedError, ErrorType
 from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, START_PAUSE, STOP_PAUSE
 from woosh_robot_agent.vda5050.orders.legs import Control
@@ -91,7 +91,14 @@ async def stop_pause(run: Run) -> None:
     CANCEL_ORDER,
     INSTANT,
     "stop, and cancel the order",
-    ParameterType("orderId", "STRING", "order to cancel; any order if missing", optional=True),
+    ParameterType(
+        "orderId",
+        "STRING",
+        "order to cancel; any order if missing",
+        optional=True,
+        valid=bool,
+        must_be=NOT_EMPTY,
+    ),
     repeatable=True,
 )
 async def cancel_order(run: Run) -> None:
@@ -110,7 +117,7 @@ async def cancel_order(run: Run) -> None:
             ErrorType.NO_ORDER_TO_CANCEL,
         )
     if not order.canceling:
-        order.cancel()
+        execution.cancel_order()
     instant.cancel_before(run.action.id)
     execution.cancel_leftovers()
     run.link.changed()  # sends the cancellation to the robot

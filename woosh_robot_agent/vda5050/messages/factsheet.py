@@ -42,7 +42,8 @@ class Objection:
 
 _OR = Sentence("{one} or {other}")
 _FINITE = Sentence("a finite number")()
-_NOT_EMPTY = Sentence("a text that is not empty")()
+_TEXT = Sentence("a text")()
+NOT_EMPTY = Sentence("a text that is not empty")()
 _TRUTH = Sentence("true or false")()
 _AT_LEAST = Sentence("at least {least}")
 _WITHIN = Sentence("within {least} to {greatest}")
@@ -62,7 +63,7 @@ def _is_number(value: Any) -> bool:
 
 _DATA_TYPES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "FLOAT": (_is_number, _FINITE),
-    "STRING": (lambda value: isinstance(value, str) and bool(value), _NOT_EMPTY),
+    "STRING": (lambda value: isinstance(value, str), _TEXT),
     "BOOL": (lambda value: isinstance(value, bool), _TRUTH),
 }
 """Check of a value, and description of the valid values, by data type."""

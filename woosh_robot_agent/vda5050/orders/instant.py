@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from itertools import takewhile
 
@@ -28,6 +28,7 @@ from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 
 START_PAUSE, STOP_PAUSE, CANCEL_ORDER = "startPause", "stopPause", "cancelOrder"
 """Names of actions for which special rules apply in `orders` or `execution`."""
+_MAP_ACTIONS = frozenset({"enableMap", "downloadMap", "deleteMap"})
 _MAX_STATES = 200
 """Maximum number of instant actions in the state. If there are more, the oldest ended actions are
 forgotten; a new action fails if as many actions still run."""
@@ -119,8 +120,13 @@ class InstantActions:
             action = Action(state.id, state.type)
             self.commands.append(EndAction(action, "the order was cancelled"))
 
-    def receive(self, actions: Sequence[Action]) -> None:
-        """Begin instant actions; refuse those that are impossible or reuse an id wrongly."""
+    def receive(self, actions: Sequence[Action]) -> set[str]:
+        """Begin instant actions; refuse those that are impossible or reuse an id wrongly.
+
+        Returns:
+            The types of the actions that were not refused.
+        """
+        accepted: set[str] = set()
         for action in actions:
             if action.type == STOP_PAUSE:  # also ends the repeated pauses that wait for their start
                 self._pause_again.clear()
@@ -149,7 +155,9 @@ class InstantActions:
                 self.changed(action.id, ActionStatus.FAILED, objection.reason)
             else:
                 self._start(action, self._types[action.type])
+                accepted.add(action.type)
         self._forget_oldest()
+        return accepted
 
     def restore(
         self, states: Sequence[ActionState], known_ids: Sequence[str], holds: Sequence[str]
@@ -197,12 +205,32 @@ class InstantActions:
 
     def failed(self, action: Action, reason: str, kind: ErrorType) -> None:
         """Report the error of a failed action, which may also be one of the order."""
-        self._add_error(warning(kind, reason, actionId=action.id, actionType=action.type))
+        keys = ("mapId", "mapVersion") if kind is ErrorType.DUPLICATE_MAP else ()
+        references = {key: action.parameters[key] for key in keys}
+        self._add_error(
+            warning(kind, reason, actionId=action.id, actionType=action.type, **references)
+        )
 
     def forget_ended(self) -> None:
-        """Forget the actions that have ended, and all errors."""
+        """Forget the actions that have ended, and the errors except those that a new order ends."""
         self._states = {key: state for key, state in self._states.items() if not state.status.ended}
-        self.errors.clear()
+        kept = ErrorType.NO_ORDER_TO_CANCEL.value
+        former, self.errors = self.errors, deque(maxlen=_MAX_ERRORS)
+        self.errors += [each for each in former if each.type == kept]
+
+    def end_errors(self, former: Iterable[VehicleError], accepted: Set[str]) -> None:
+        """Forget errors that end when actions are accepted, as version 3 demands.
+
+        Args:
+            former: the errors that were reported before.
+            accepted: types of the accepted actions.
+        """
+        ended = {ErrorType.INSTANT_ACTION.value} if accepted else set()
+        if not accepted.isdisjoint(_MAP_ACTIONS):
+            ended.add(ErrorType.DUPLICATE_MAP.value)
+        for error in former:
+            if error.type in ended and error in self.errors:
+                self.errors.remove(error)
 
     def _is_too_many(self, action_type: str) -> bool:
         """Return True if too many actions run, now that an action of this type is among them.
