@@ -53,15 +53,17 @@ ORDER = OrderStatus(
     last_node_sequence_id=0,
     nodes=(NODE,),
     edges=(EDGE,),
-    actions=(
-        ActionState("1", "pick", ActionStatus.PAUSED, "a result", "an action"),
-        ActionState("2", "stateRequest", ActionStatus.FINISHED, "done", "ask", instant=True),
-    ),
-    paused=True,
+    actions=(ActionState("1", "pick", ActionStatus.PAUSED, "a result", "an action"),),
     new_base_request=True,
     distance_since_last_node=0.1,
 )
-STATE = VehicleState(ORDER, ROBOT, (warning(ErrorType.ORDER, "a reason", "a hint", nodeId="b"),))
+STATE = VehicleState(
+    ORDER,
+    ROBOT,
+    instant_actions=(ActionState("2", "stateRequest", ActionStatus.FINISHED, "done", "ask"),),
+    paused=True,
+    errors=(warning(ErrorType.ORDER, "a reason", "a hint", nodeId="b"),),
+)
 FACTSHEET = Factsheet(
     series="TR-300",
     description="a robot",
@@ -82,9 +84,5 @@ FACTSHEET = Factsheet(
             "what was picked",
         ),
     ),
-    optional_parameters={
-        "order.edges.maxSpeed": "at least 0.05 m/s",
-        "order.edges.rotationAllowed": "",
-    },
     versions=(("robot system", "1.2"),),
 )

@@ -186,7 +186,7 @@ def reports_with(header_ids: HeaderIds) -> tuple[Reports, MqttConnection]:
     reports = Reports(V2_1, Limits(), lambda: None, lambda: None, lambda: None)
     reports.open(Identity("Woosh", "1"), "uagv", header_ids)
     mqtt = MqttConnection(BrokerConfig("", 1), "1", reports.last_will, {}, {}, lambda: None)
-    reports.use(mqtt)
+    reports.mqtt = mqtt
     return reports, mqtt
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -20,7 +19,6 @@ from woosh_robot_agent.vda5050.messages.writing import (
     state_message,
     visualization_message,
 )
-from woosh_robot_agent.vda5050.robot.status import OPTIONAL_PARAMETERS
 
 HEADER = ("headerId", "timestamp", "version", "manufacturer", "serialNumber")
 
@@ -111,7 +109,7 @@ def test_all_fields_are_sent_except_those_that_the_table_leaves_out(
 
 @pytest.mark.parametrize("version", VERSIONS.values(), ids=VERSIONS)
 def test_the_optional_parameters_are_fields_of_the_order(version: Version) -> None:
-    sheet = factsheet_message(version, replace(FACTSHEET, optional_parameters=OPTIONAL_PARAMETERS))
+    sheet = factsheet_message(version, FACTSHEET)
     names = [each["parameter"] for each in sheet["protocolFeatures"]["optionalParameters"]]
     assert len(names) >= 6
     known = {f"order.{name}" for name in schema_fields(version.number, "order")}

@@ -110,7 +110,7 @@ def test_a_jump_passes_no_node() -> None:
 def test_without_a_link_no_node_is_passed_until_the_robot_is_known_to_drive_on() -> None:
     robot = given(path("abcde", actions={"b": [action("light", NONE)]}))
     robot.move(0.5)
-    robot.machine.link_lost()
+    robot.machine.route.link_lost()
     assert robot.jump(2.0) == []
     assert (robot.last, robot.actions) == ("a", {"light": "WAITING"})
     robot.machine.moved(at(2.1), confirmed=True)
@@ -123,7 +123,7 @@ def test_actions_of_a_node_that_the_robot_has_left_far_behind_without_a_link_fai
     lift, light = action("lift", NONE), action("light", NONE)
     robot = given(path("abcdef", actions={"b": [lift], "d": [light]}))
     robot.move(0.5)
-    robot.machine.link_lost()
+    robot.machine.route.link_lost()
     robot.machine.moved(at(2.9), confirmed=True)
     assert robot.jump(3.0) == [Perform(light)]
     assert robot.last == "d"
@@ -151,7 +151,7 @@ def test_without_a_link_a_later_node_is_passed_only_if_the_way_to_it_was_driven(
 ) -> None:
     robot = given(path("abcdef", **nodes))
     robot.move(0.5)
-    robot.machine.link_lost()
+    robot.machine.route.link_lost()
     robot.machine.moved(at(*back), confirmed=True)
     assert robot.last == "a"
     robot.machine.moved(at(*then), confirmed=True)
@@ -350,17 +350,17 @@ def test_a_drive_that_has_lost_its_position_goes_on_only_where_it_stopped(
 
 def test_a_hold_pauses_the_drive_and_starts_none_until_all_are_released() -> None:
     robot = given(path("abc", b=place(1.0, theta=0.0)))
-    robot.machine.hold("pause")
-    robot.machine.hold("key")
+    robot.machine.holds.add("pause")
+    robot.machine.holds.add("key")
     assert robot.poll() == [Control.PAUSE]
-    robot.machine.release("pause")
+    robot.machine.holds.discard("pause")
     assert robot.poll() == []
-    robot.machine.release("key")
+    robot.machine.holds.discard("key")
     assert robot.poll() == [Control.RESUME]
-    robot.machine.hold("pause")
+    robot.machine.holds.add("pause")
     robot.poll()
     assert robot.arrive() == []
-    robot.machine.release("pause")
+    robot.machine.holds.discard("pause")
     robot.poll()
     assert robot.legs == ["b", "c"]
 
@@ -430,7 +430,7 @@ def test_a_drive_that_was_not_sent_is_commanded_again() -> None:
 
 def test_a_lost_link_is_no_reason_to_doubt_where_an_action_has_moved_the_vehicle() -> None:
     robot = given(path("ab", actions={"a": [action("step")]}))
-    robot.machine.require_place_check()  # the link was lost and is back
+    robot.machine.route.must_check_place = True  # the link was lost and is back
     robot.machine.moved(at(0.5), by_action=True)
     robot.poll()
     robot.finish("step")

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from woosh_robot_agent.link import LinkState
@@ -93,7 +93,6 @@ class Execution:
         is_only_connector: False while another connector uses the topics of the vehicle.
         order_errors: why orders were rejected, cleared or lost since the last one was accepted; the
             oldest are forgotten.
-        pause_wanted: True from a startPause to a stopPause.
         link_lost_at: time at which the link was lost, by `boot_time`; before the first link, the
             time of creation; inf while there is a link.
     """
@@ -116,7 +115,6 @@ class Execution:
         self.active: dict[str, Action] = {}
         self.is_only_connector = True
         self.order_errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
-        self.pause_wanted = False
         self.link_lost_at = boot_time()
         self._refused_speed = ""
         """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
@@ -143,7 +141,9 @@ class Execution:
     @property
     def is_driving(self) -> bool:
         """True during a drive of the order that is not paused, and while `has_own_motion`."""
-        return (self.order.driving and not self.drive.stays_paused) or self.has_own_motion
+        return (
+            self.order.driving and not self.drive.controller.stays_paused
+        ) or self.has_own_motion
 
     @property
     def is_executing(self) -> bool:
@@ -161,8 +161,13 @@ class Execution:
 
         That is something outside of the vehicle, or an action that began before a restart.
         """
-        may_move_base = self.calls.moves_base or bool(self.tasks.id)
+        may_move_base = self.calls.moves_base or bool(self.tasks.runner.id)
         return self._is_driven_otherwise or (self.has_leftovers and may_move_base)
+
+    @property
+    def pause_wanted(self) -> bool:
+        """True from a startPause to a stopPause."""
+        return PAUSE in self.order.holds
 
     @property
     def may_act(self) -> bool:
@@ -173,10 +178,10 @@ class Execution:
     def paused(self) -> bool:
         """True while the vehicle is paused: a startPause took effect, or people have paused it."""
         if self.pause_wanted:
-            is_drive_paused = not self.order.driving or self.drive.stays_paused
+            is_drive_paused = not self.order.driving or self.drive.controller.stays_paused
             return is_drive_paused and self.calls.all_paused and self.tasks.all_paused
         # a drive that waits for an instant action is held, too, but the vehicle is not paused
-        is_drive_paused = self.drive.paused and not self.order.held
+        is_drive_paused = self.drive.controller.paused and not self.order.held
         return is_drive_paused or self.calls.any_paused or self.tasks.paused
 
     @property
@@ -187,7 +192,7 @@ class Execution:
         info = self.robot.info
         if info is not None and info.state == robot.kFollowing:  # it follows a person
             return True
-        own_id = self.tasks.id
+        own_id = self.tasks.runner.id
         if foreign_id := self.drive.foreign_id:
             return foreign_id != own_id  # for `drive`, the task of an action is foreign too
         return bool(self.link.gate.reported_owner) and not own_id and not self.calls.moves_base
@@ -195,11 +200,11 @@ class Execution:
     @property
     def is_leaving_task(self) -> bool:
         """True from the end of a task until the robot has left it and can take the next one."""
-        if self.drive.id or self.tasks.id or self.robot.info is None:
+        if self.drive.id or self.tasks.runner.id or self.robot.info is None:
             return False
         is_in_task = self.robot.info.state in (robot.kTask, robot.kParking)
         now = asyncio.get_running_loop().time()
-        return is_in_task and now < max(self.drive.leaves_until, self.tasks.leaves_until)
+        return is_in_task and now < max(self.drive.leaves_until, self.tasks.runner.leaves_until)
 
     @property
     def _may_be_moved_by_action(self) -> bool:
@@ -213,7 +218,7 @@ class Execution:
 
         The task of startCharging usually outlasts the action.
         """
-        return bool(self.tasks.id) and not self.order.driving and not self.order.acting
+        return bool(self.tasks.runner.id) and not self.order.driving and not self.order.acting
 
     @property
     def _is_located(self) -> bool:
@@ -226,59 +231,49 @@ class Execution:
         """True while an action runs that is of the order, or for which other actions may wait."""
         return self.order.acting or bool(self.active)
 
-    def errors(self) -> list[VehicleError]:
-        """Return the error of a lost link, and errors that tell why the order or robot waits."""
-        errors = []
+    def errors(self) -> Iterator[VehicleError]:
+        """Yield the error of a lost link, and errors that tell why the order or robot waits."""
         order = self.order.status
         if not self.link.ready:
             chassis = self.link.chassis
             text = _LINK_LOST(time=timestamp(chassis.since))
             if chassis.last_error is not None:
                 text = _BECAUSE(text=text, reason=said_by(chassis.last_error))
-            errors.append(
-                warning(
-                    ErrorType.ROBOT_CONNECTION,
-                    text,
-                    "check that the robot is on, and that the network reaches it",
-                )
+            yield warning(
+                ErrorType.ROBOT_CONNECTION,
+                text,
+                "check that the robot is on, and that the network reaches it",
             )
         if self.robot.status is not None and self.robot.status.blocked:
             references: dict[str, str] = {}
             if order.nodes:
                 references = {"orderId": order.order_id, "nodeId": order.nodes[0].id}
-            errors.append(
-                warning(
-                    ErrorType.OBSTACLE,
-                    _OBSTACLE(),
-                    "clear the way, and the robot drives on; or cancel the order",
-                    **references,
-                )
+            yield warning(
+                ErrorType.OBSTACLE,
+                _OBSTACLE(),
+                "clear the way, and the robot drives on; or cancel the order",
+                **references,
             )
         if not self.order.can_go_on:  # it waits for an update, or can only be cancelled
-            return errors
+            return
         if self._must_wait:
             info = self.robot.info
-            is_foreign = self.drive.foreign_id not in (0, self.tasks.id)
+            is_foreign = self.drive.foreign_id not in (0, self.tasks.runner.id)
             kind = info.task_proc.type if info is not None and is_foreign else None
             cause, hint = _OTHER_TASKS.get(kind, _OTHER_MOTION)
-            errors.append(warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint))
+            yield warning(ErrorType.ROBOT_BUSY, _WAITS(cause=cause), hint)
         elif self._has_charging_task:
-            errors.append(
-                warning(
-                    ErrorType.ROBOT_BUSY,
-                    _WAITS(cause=_CHARGES()),
-                    "end it with stopCharging, or wait for its end",
-                )
+            yield warning(
+                ErrorType.ROBOT_BUSY,
+                _WAITS(cause=_CHARGES()),
+                "end it with stopCharging, or wait for its end",
             )
         elif self.link.ready and not (self._is_located or self._is_acting):
-            errors.append(
-                warning(
-                    ErrorType.NOT_AVAILABLE,
-                    _WAITS(cause=NO_POSITION()),
-                    "place it on the map with initPosition, or cancel the order",
-                )
+            yield warning(
+                ErrorType.NOT_AVAILABLE,
+                _WAITS(cause=NO_POSITION()),
+                "place it on the map with initPosition, or cancel the order",
             )
-        return errors
 
     # Events
 
@@ -298,7 +293,7 @@ class Execution:
         # after a loss of the link, only an action that surely moves the base explains a new place:
         # otherwise, people may have moved the robot
         by_action = self.calls.moves_base if self._link_was_lost else self._may_be_moved_by_action
-        by_task = self.tasks.confirmed  # the robot executes the task of an action
+        by_task = self.tasks.runner.confirmed  # the robot executes the task of an action
         self.order.moved(place, by_action=by_action or by_task, confirmed=self.drive.confirmed)
         if self.robot.status is not None and self.robot.status.mode is OperatingMode.MANUAL:
             self.order.forget_left_node()
@@ -321,11 +316,10 @@ class Execution:
         """Pause or resume the order and all actions; idempotent."""
         if wanted == self.pause_wanted:
             return
-        self.pause_wanted = wanted
         if wanted:
-            self.order.hold(PAUSE)
+            self.order.holds.add(PAUSE)
         else:
-            self.order.release(PAUSE)
+            self.order.holds.discard(PAUSE)
         control = Control.PAUSE if wanted else Control.RESUME
         self.calls.want(control)
         self.tasks.want(control)
@@ -398,7 +392,7 @@ class Execution:
             self.link_lost_at = math.inf
         else:
             self.link_lost_at = min(self.link_lost_at, boot_time())
-            self.order.link_lost()
+            self.order.route.link_lost()
             self._link_was_lost = True
         self.link.changed()
 
@@ -413,7 +407,7 @@ class Execution:
             execute: executes a command about an action.
         """
         if self.robot.status is not None and self.robot.status.emergency_stop:
-            self.drive.disown_pause()  # so that no end of an action resumes the drive
+            self.drive.controller.disown_pause()  # so that no end of an action resumes the drive
         while commands := [*self._take_instant(), *self._poll_order()]:
             for command in commands:
                 if isinstance(command, Perform | EndAction):
@@ -421,7 +415,7 @@ class Execution:
                 elif isinstance(command, Drive):
                     self.drive.start(leg_task(command.leg, self.robot.position))
                 elif command is Control.RESUME:
-                    self.drive.end_own_pause()
+                    self.drive.controller.end_own_pause()
                 else:
                     self.drive.want(command)
         self.speed.limit(self.order.speed_limit)
@@ -433,7 +427,7 @@ class Execution:
     def _poll_order(self) -> list[Command]:
         """Return the next commands of the order; a drive only while nothing else uses the robot."""
         if self._is_driven_otherwise:  # so the robot may leave the last node
-            self.order.require_place_check()
+            self.order.route.must_check_place = True
         is_free = (
             self.may_act
             and self.robot.is_automatic
@@ -441,7 +435,7 @@ class Execution:
             and not (self.drive.id or self._must_wait or self.is_leaving_task)
         )
         return self.order.poll(
-            may_drive=is_free and not self.tasks.id,
+            may_drive=is_free and not self.tasks.runner.id,
             # a charging task that goes on does not move the robot, and an action may end it; while
             # an action sets the position, the last report may be of the former one
             may_check=is_free and not self.tasks.is_busy and not self._may_be_moved_by_action,

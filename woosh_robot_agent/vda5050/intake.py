@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable, Sequence, Set
+from dataclasses import dataclass
 
 from woosh_robot_agent.link.reports import LogOnce, one_line
 from woosh_robot_agent.sentences import Sentence
@@ -51,17 +52,17 @@ _TOLERANCE = 0.25
 """Maximum distance of the ends of a trajectory from their nodes, in metres."""
 
 
+@dataclass(frozen=True)
 class OrderCheck:
     """Check of an order against what a vehicle can do.
 
-    Args:
+    Attributes:
         knows_marks: True if the marks of the robot are known.
     """
 
-    def __init__(self, order: Order, types: ActionTypes, *, knows_marks: bool) -> None:
-        self._order = order
-        self._types = types
-        self._knows_marks = knows_marks
+    order: Order
+    types: ActionTypes
+    knows_marks: bool
 
     def check(self, status: RobotStatus | None) -> None:
         """Check the order.
@@ -82,29 +83,29 @@ class OrderCheck:
             raise self._error(
                 ErrorType.NOT_AVAILABLE, NO_POSITION(), "place it on the map with initPosition"
             )
-        if self._order.unsupported:
-            raise self._unsupported(self._order.unsupported, _ORDER())
+        if self.order.unsupported:
+            raise self._unsupported(self.order.unsupported, _ORDER())
         self._check_size()
-        for edge in self._order.edges:
+        for edge in self.order.edges:
             self._check_edge(edge)
         maps = {status.position.map_id, *(each.id for each in status.maps or ())}
-        for node in self._order.nodes:
+        for node in self.order.nodes:
             self._check_node(node, maps, knows_maps=status.maps is not None)
         for start, edge, end in zip(
-            self._order.nodes, self._order.edges, self._order.nodes[1:], strict=False
+            self.order.nodes, self.order.edges, self.order.nodes[1:], strict=False
         ):
             self._check_trajectory(start, edge, end)
 
     def _check_size(self) -> None:
         """Raise RejectedError if the order has too many nodes or control points."""
-        if (number := len(self._order.nodes)) > MAX_NODES:
+        if (number := len(self.order.nodes)) > MAX_NODES:
             raise self._error(
                 ErrorType.ORDER,
                 _MANY_NODES(count=number, most=MAX_NODES),
                 "send a shorter order, and extend it by updates",
                 parameter="nodes",
             )
-        trajectories = (edge.trajectory for edge in self._order.edges)
+        trajectories = (edge.trajectory for edge in self.order.edges)
         count = sum(len(each.points) for each in trajectories if each is not None)
         if count > _MAX_CONTROL_POINTS:
             raise self._error(
@@ -137,7 +138,7 @@ class OrderCheck:
         """
         position = node.position
         is_missing = position is None or position.map_id not in maps
-        if is_missing and not (self._knows_marks if position is None else knows_maps):
+        if is_missing and not (self.knows_marks if position is None else knows_maps):
             raise self._error(
                 ErrorType.ORDER, NOT_READ(), "send the order again later", nodeId=node.id
             )
@@ -179,7 +180,7 @@ class OrderCheck:
     def _check_actions(self, actions: Iterable[Action], scope: Scope, **place: str) -> None:
         """Raise RejectedError if an action is impossible; `place` refers to its node or edge."""
         for action in actions:
-            if objection := find_objection(self._types, action, scope):
+            if objection := find_objection(self.types, action, scope):
                 raise self._error(
                     ErrorType.ORDER_ACTION,
                     objection.reason,
@@ -203,7 +204,7 @@ class OrderCheck:
     def _error(
         self, kind: ErrorType, reason: str, hint: str, **references: object
     ) -> RejectedError:
-        return rejection(kind, self._order, reason, hint, **references)
+        return rejection(kind, self.order, reason, hint, **references)
 
 
 def _gap_objection(node: Node, point: Point) -> str:
@@ -224,11 +225,13 @@ class Intake:
     """Accepts or rejects the messages of the master control, and hands them to the execution.
 
     Attributes:
+        identity: manufacturer and serial number of the vehicle; set it before the first message.
         message_error: why the last message with instant actions or zones was rejected; None if it
             was accepted, and after a new order.
     """
 
     def __init__(self, execution: Execution) -> None:
+        self.identity = Identity("", "")
         self._version = execution.version
         self._execution = execution
         self._log = LogOnce(_LOG)
@@ -239,7 +242,7 @@ class Intake:
         None before the first."""
         self.message_error: VehicleError | None = None
 
-    def take_order(self, identity: Identity, payload: bytes) -> None:
+    def take_order(self, payload: bytes) -> None:
         """Accept or reject an order; ignore one that the vehicle has already."""
         execution, is_3 = self._execution, self._version.is_3
         may_repeat = not execution.order.is_cancelled  # otherwise, version 3 demands an error
@@ -247,7 +250,7 @@ class Intake:
         if may_repeat and payload == self._payload:
             return
         try:
-            received = read_order(payload, self._version, identity)
+            received = read_order(payload, self._version, self.identity)
             if may_repeat and received == self._order:
                 return
             here = execution.robot.position
@@ -272,22 +275,19 @@ class Intake:
                 execution.instant.forget_ended()
             execution.instant.errors.clear()
 
-    def take_stops(self, identity: Identity, payload: bytes) -> None:
+    def take_stops(self, payload: bytes) -> None:
         """Accept or reject instant actions, but ignore those that do not stop."""
-        self.take_instant_actions(identity, payload, {START_PAUSE, CANCEL_ORDER})
+        self.take_instant_actions(payload, {START_PAUSE, CANCEL_ORDER})
 
-    def take_instant_actions(
-        self, identity: Identity, payload: bytes, only: Set[str] | None = None
-    ) -> None:
+    def take_instant_actions(self, payload: bytes, only: Set[str] | None = None) -> None:
         """Accept or reject instant actions.
 
         Args:
-            identity: manufacturer and serial number of the vehicle.
             payload: the message.
             only: types to accept, ignoring others; None to accept all.
         """
         try:
-            actions = read_instant_actions(payload, self._version, identity)
+            actions = read_instant_actions(payload, self._version, self.identity)
         except RejectedError as rejected:
             self._log.warn(f"actions: {rejected}", f"instant actions were rejected: {rejected}")
             self.message_error = rejected.error
@@ -300,9 +300,9 @@ class Intake:
             if self._version.is_3:
                 instant.end_errors(former, accepted)
 
-    def refuse_zone_set(self, identity: Identity, payload: bytes) -> None:
+    def refuse_zone_set(self, payload: bytes) -> None:
         """Refuse a zone set, because the robot takes no zones."""
-        error = refusal_of_zone_set(payload, self._version, identity)
+        error = refusal_of_zone_set(payload, self._version, self.identity)
         reason = error.description
         self._log.warn(f"zones: {reason}", f"a zone set was refused: {reason}")
         self.message_error = error
@@ -325,5 +325,5 @@ class Intake:
         keeps_ended = self._version.is_3 or not is_new
         check_instant_ids(order, self._execution.instant.ids_in_state(ended=keeps_ended))
         execution = self._execution
-        check = OrderCheck(order, execution.types, knows_marks=execution.maps.knows_marks)
+        check = OrderCheck(order, execution.types, execution.maps.knows_marks)
         check.check(execution.robot_status)

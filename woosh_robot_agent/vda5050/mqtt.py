@@ -202,7 +202,6 @@ class MqttConnection:
         Raises:
             MqttError: the connection failed.
         """
-        will = self._last_will()
         broker = self._broker
         async with _Client(
             broker.host,
@@ -210,7 +209,7 @@ class MqttConnection:
             username=broker.username,
             password=broker.password,
             identifier=self._client_id,
-            will=aiomqtt.Will(will.topic, will.payload, will.qos, will.retain),
+            will=aiomqtt.Will(*self._last_will()),
             clean_session=True,
             keepalive=broker.keepalive,
             tls_context=broker.tls,

@@ -137,6 +137,9 @@ class Reports:
         state: returns the state of the vehicle; None while it is unknown.
         robot: returns the state of the robot; None while it is unknown.
         factsheet: returns the factsheet; None while it is unknown.
+
+    Attributes:
+        mqtt: the connection to the broker; None before it is made, and once it is closed.
     """
 
     def __init__(
@@ -156,8 +159,7 @@ class Reports:
         self._prefix = ""
         """First levels of the topics, with a slash at the end; empty before `open`."""
         self._header_ids = HeaderIds()
-        self._mqtt: MqttConnection | None = None
-        """The connection to the broker; None before it is made, and once it is closed."""
+        self.mqtt: MqttConnection | None = None
         self._will = Publication("", "")
         """The last will of the last attempt to connect; empty before the first."""
         self._will_id = -1
@@ -176,7 +178,7 @@ class Reports:
     # The vehicle at the broker
 
     def open(self, identity: Identity, interface: str, header_ids: HeaderIds) -> None:
-        """Set the topics and the headers. Call it before `topic` and `use`.
+        """Set the topics and the headers. Call it before `topic`, and before setting `mqtt`.
 
         Args:
             interface: first level of the topics.
@@ -185,10 +187,6 @@ class Reports:
         self._header_ids = header_ids
         major = self._version.number.split(".")[0]
         self._prefix = f"{interface}/v{major}/{identity.manufacturer}/{identity.serial_number}/"
-
-    def use(self, mqtt: MqttConnection) -> None:
-        """Publish over this connection from now on."""
-        self._mqtt = mqtt
 
     def topic(self, topic: Topic) -> str:
         """Return the full name of a topic."""
@@ -221,9 +219,9 @@ class Reports:
         """
         self._state_schedule.stop()
         self._visualization_schedule.stop()
-        if self._mqtt is not None and self._mqtt.connected:
+        if self.mqtt is not None and self.mqtt.connected:
             self._publish_connection(ConnectionState.OFFLINE)
-            mqtt, self._mqtt = self._mqtt, None
+            mqtt, self.mqtt = self.mqtt, None
             await mqtt.flush(timeout)
         else:
             self._skip_last_will()
@@ -270,12 +268,12 @@ class Reports:
 
     def _publish(self, topic: Topic, content: Mapping[str, Any]) -> None:
         """Publish a message with its header; do nothing without a connection."""
-        if self._mqtt is None or not self._mqtt.connected:
+        if self.mqtt is None or not self.mqtt.connected:
             return
         publication = self._message(topic, content)
         if topic is Topic.CONNECTION:  # remembered, because the broker sends it back
             self._own_connections += (self._will.payload, publication.payload)
-        self._mqtt.publish(publication)
+        self.mqtt.publish(publication)
 
     def _message(
         self, topic: Topic, content: Mapping[str, Any], header_id: int | None = None

@@ -128,19 +128,15 @@ def _robot(name: str, parameters: dict[str, Any], default: LinkConfig) -> Listed
     return ListedRobot(name, link, str(serial_number))
 
 
-def _leads_to_same_robot(one: LinkConfig, other: LinkConfig) -> bool:
-    """Return True if two links lead to the same robot, over any transport."""
-    # ports 0 are equal here, although they stand for a different port with each transport
-    same_port = one.port == other.port or one.effective_port == other.effective_port
-    return same_port and (one.ip, one.robot_id) == (other.ip, other.robot_id)
-
-
 def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
     """Raise ValueError if a robot has the name, address or serial number of another robot."""
     for other in others:
         if other.name == robot.name:
             raise ValueError("give each robot its own name; two have this one")
-        if _leads_to_same_robot(other.link, robot.link):
+        one, two = robot.link, other.link
+        # ports 0 are equal here, although they stand for a different port with each transport
+        same_port = one.port == two.port or one.effective_port == two.effective_port
+        if same_port and (one.ip, one.robot_id) == (two.ip, two.robot_id):
             raise ValueError(
                 f"it has the address of robot {other.name}, {robot.link.address}; give each its "
                 "own ip, port or robot_id"

@@ -182,11 +182,11 @@ class Session:
         reports: messages of the vehicle, which are published over this session.
         handlers: called with the payload of each message of the master control, by topic. Topics
             that the version does not have are ignored.
-        take_stops: called with instant actions that came while this program stood still.
+        take_stops: the handler of instant actions that came while this program stood still.
         on_restored: called before connecting to the broker, with the content of the state file, and
             with an error if the file was damaged, otherwise with None.
         wait_until_able: awaited before connecting to the broker; waits until orders can be taken.
-        on_changed: called when another connector appears or disappears.
+        on_changed: called after each message, and when another connector appears or disappears.
     """
 
     def __init__(
@@ -284,7 +284,7 @@ class Session:
             late_handlers={reports.topic(Topic.INSTANT_ACTIONS): take_stops},
             on_connected=self._connected,
         )
-        reports.use(mqtt)
+        reports.mqtt = mqtt
         await self._wait_until_able()
         await mqtt.run()
 
@@ -326,6 +326,7 @@ class Session:
             )
         else:
             handler(payload)
+            self._on_changed()
 
     def _connected(self) -> None:
         self._detector.connected()

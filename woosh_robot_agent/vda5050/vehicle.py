@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from woosh_robot_agent.link import LinkError, RobotIdentity
@@ -103,18 +101,19 @@ class Vehicle:
         config = self._config
         self._robot_identity = RobotIdentity.of(info)
         identity = Identity(config.manufacturer, config.serial_number or serial_number(info))
-        handlers: dict[Topic, Callable[[Identity, bytes], None]] = {
-            Topic.ORDER: self._intake.take_order,
-            Topic.INSTANT_ACTIONS: self._intake.take_instant_actions,
-            Topic.ZONE_SET: self._intake.refuse_zone_set,
-        }
+        intake = self._intake
+        intake.identity = identity
         self._session = Session(
             config,
             self._broker,
             identity,
             self._reports,
-            {topic: partial(self._received, take, identity) for topic, take in handlers.items()},
-            partial(self._received, self._intake.take_stops, identity),
+            {
+                Topic.ORDER: intake.take_order,
+                Topic.INSTANT_ACTIONS: intake.take_instant_actions,
+                Topic.ZONE_SET: intake.refuse_zone_set,
+            },
+            intake.take_stops,
             self._restore,
             self._wait_for_marks,
             self._update,
@@ -146,15 +145,11 @@ class Vehicle:
             return
         self._is_updating = True  # nothing is saved or sent before everything is restored
         execution.speed.restore(record.speed_is_limited)
-        execution.order.restore(record.order)
         execution.calls.restore(record.calls)
         execution.tasks.restore(record.action_task_id, info, lambda: self._reported.is_charging)
         execution.set_pause_wanted(PAUSE in record.order.holds)
-        unfinished = execution.instant.restore(
-            record.instant_actions, record.known_ids, record.order.holds
-        )
-        for action_id in unfinished:  # the robot may still execute the action
-            execution.order.interrupt(action_id)
+        execution.order.restore(record.order)
+        execution.instant.restore(record.instant_actions, record.known_ids)
         if execution.order.driving:
             execution.drive.restore(record.task_id, info)
         self._is_updating = False
@@ -200,7 +195,7 @@ class Vehicle:
             "id": order.order_id,
             "node": order.last_node_id,
             "nodesLeft": len(order.nodes),
-            "paused": order.paused,
+            "paused": state.paused,
             "errors": [
                 {"type": each.type, "level": each.level.name, "text": value_data(each.description)}
                 for each in state.errors
@@ -208,13 +203,6 @@ class Vehicle:
         }
 
     # Events
-
-    def _received(
-        self, take: Callable[[Identity, bytes], None], identity: Identity, payload: bytes
-    ) -> None:
-        """Handle a message of the master control with `take`, a method of `Intake`."""
-        take(identity, payload)
-        self._update()
 
     def _moved(self) -> None:
         """Handle a new pose of the robot, which comes several times per second."""
@@ -274,9 +262,6 @@ class Vehicle:
         robot, execution = self._execution.robot_status, self._execution
         if robot is None:
             return None
-        order = execution.order.status
-        actions = order.actions + execution.instant.states
-        order = replace(order, actions=actions, paused=execution.paused)
         if not self._link.ready:
             robot = replace(robot, velocity=None)  # the last one may not hold any more
         if not execution.order.driving:
@@ -290,4 +275,10 @@ class Vehicle:
             *execution.errors(),
             *robot.errors,
         )
-        return VehicleState(order, robot, tuple(error for error in errors if error is not None))
+        return VehicleState(
+            execution.order.status,
+            robot,
+            execution.instant.states,
+            execution.paused,
+            tuple(error for error in errors if error is not None),
+        )

@@ -65,7 +65,7 @@ async def start_pause(run: Run) -> None:
 async def stop_pause(run: Run) -> None:
     """Resume the drive and the paused actions, also if a button on the robot has paused them."""
     execution, limit = run.execution, run.link.timing.pause_within
-    execution.drive.adopt_pause()  # so that the end of a hold resumes the drive, too
+    execution.drive.controller.adopt_pause()  # so that the end of a hold resumes the drive, too
     if execution.pause_wanted:
         execution.set_pause_wanted(False)
     elif execution.paused:  # by people at the robot, or the robot has refused to resume

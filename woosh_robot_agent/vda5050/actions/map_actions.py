@@ -13,10 +13,8 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
-from woosh_robot_agent.link import Answer
 from woosh_robot_agent.pb.map.map_pack_pb2 import Delete, Upload
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
-from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed
 from woosh_robot_agent.pb.util.common_pb2 import FileData, Pose2D
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.actions.performing import (
@@ -187,30 +185,14 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
     """
     execution = run.execution
     await execution.maps.read()
-    if any(_is_current(execution, each) for each in execution.maps.find(name, version)):
+    if any(each.is_used(execution.robot.info) for each in execution.maps.find(name, version)):
         return
     chosen = _find_one(execution, name, version)
     run.require_not_driving_order()
     await run.request(SwitchMap(scene_name=chosen.scene, map_name=chosen.name))
-    await run.wait(lambda: _is_current(execution, chosen), _TIMEOUT, _NOT_USED(map=name))
-    await _read_pose(run)
+    await run.wait(lambda: chosen.is_used(execution.robot.info), _TIMEOUT, _NOT_USED(map=name))
+    await execution.robot.read_pose()
     await execution.maps.wait_for_marks()  # the next order may need them
-
-
-async def _read_pose(run: Run) -> None:
-    """Ask for the pose after the map or the position was changed, and store it.
-
-    The pushes are not enough: a robot that stands pushes its pose late, or not at all.
-
-    Raises:
-        LinkError: the robot could not be reached.
-    """
-
-    def take_answer(answer: Answer) -> None:
-        if answer.ok and isinstance(answer.body, PoseSpeed):
-            run.execution.robot.remember_pose(answer.body)
-
-    await run.link.ask(PoseSpeed(), tap=take_answer)
 
 
 @vehicle_action(
@@ -249,7 +231,7 @@ async def _init_position(run: Run) -> None:
     run.require_not_driving_order()
     await _switch_map(run, given["mapId"])
     await run.request(InitRobot(pose=Pose2D(x=given["x"], y=given["y"], theta=given["theta"])))
-    await _read_pose(run)
+    await execution.robot.read_pose()
     await run.wait(is_initialised, _TIMEOUT, _NOT_FOUND())
     if "lastNodeId" in given:
         execution.order.set_last_node(given["lastNodeId"])
@@ -282,7 +264,7 @@ async def delete_map(run: Run) -> None:
     maps = run.execution.maps
     await _read_list(run.execution)
     found = _find_one(run.execution, run.given["mapId"], run.given["mapVersion"])
-    if _is_current(run.execution, found):
+    if found.is_used(run.execution.robot.info):
         raise ActionFailedError(_USED(map=found.name))
     is_last = len(maps.of_scene(found.scene)) == 1
     name = "" if is_last else found.name  # without a name, the whole scene is deleted
@@ -375,12 +357,3 @@ def _find_one(execution: Execution, name: str, version: str | None) -> StoredMap
         raise ActionFailedError(_MISSING(what=what))
     scenes = ", ".join(each.scene for each in found)
     raise ActionFailedError(_SEVERAL(what=what, scenes=scenes))
-
-
-def _is_current(execution: Execution, stored: StoredMap) -> bool:
-    """Return True if the robot uses a map."""
-    info = execution.robot.info
-    return info is not None and (info.scene.scene_name, info.scene.map_name) == (
-        stored.scene,
-        stored.name,
-    )

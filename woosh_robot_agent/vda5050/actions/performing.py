@@ -15,7 +15,7 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.execution import Execution
 from woosh_robot_agent.vda5050.messages.factsheet import ActionType, ParameterType, Scope
-from woosh_robot_agent.vda5050.messages.order import Action, BlockingType
+from woosh_robot_agent.vda5050.messages.order import Action
 from woosh_robot_agent.vda5050.messages.state import (
     NO_POSITION,
     NOT_READ,
@@ -209,26 +209,14 @@ def vehicle_action(
     scopes: frozenset[Scope],
     description: str,
     *parameters: ParameterType,
-    result: str = "",
-    blocking: frozenset[BlockingType] = ActionType.blocking,
-    pausable: bool = False,
-    repeatable: bool = False,
     version: str = "",
+    **options: Any,
 ) -> Callable[[PerformFunction], VehicleAction]:
     """Return a decorator that makes a function an action.
 
     Args:
-        version: major number of the only version of the standard that has the action, e.g. `3`;
-            empty if all versions have it. The other arguments are the attributes of `ActionType`.
+        version: as in `VehicleAction`.
+        options: further attributes of `ActionType`, as are the other arguments.
     """
-    kind = ActionType(
-        name,
-        scopes,
-        description,
-        parameters,
-        result=result,
-        blocking=blocking,
-        pausable=pausable,
-        repeatable=repeatable,
-    )
+    kind = ActionType(name, scopes, description, parameters, **options)
     return lambda perform: VehicleAction(kind, perform, version)

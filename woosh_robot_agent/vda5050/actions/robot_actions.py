@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-
-from google.protobuf.message import Message
+from functools import partial
 
 from woosh_robot_agent.motion.wheel_owner import is_unfinished
 from woosh_robot_agent.pb.map import storage_edit_pb2
@@ -148,37 +147,11 @@ _LOAD_PARAMETERS = (
 )
 
 
-@vehicle_action(
-    "pick",
-    ON_NODES,
-    "take up a load by raising the lift",
-    *_LOAD_PARAMETERS,
-    blocking=STANDSTILL,
-    pausable=True,
-)
-async def pick(run: Run) -> str:
-    """Take up a load."""
-    return await _carry(run, LiftControl(execute_mode=LiftControl.kUp), task.kFeeding)
-
-
-@vehicle_action(
-    "drop",
-    ON_NODES,
-    "put down the load by lowering the lift",
-    *_LOAD_PARAMETERS,
-    blocking=STANDSTILL,
-    pausable=True,
-)
-async def drop(run: Run) -> str:
-    """Put down a load."""
-    return await _carry(run, LiftControl(execute_mode=LiftControl.kDown), task.kCutting)
-
-
-async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
+async def _carry(run: Run, mode: LiftControl.ExecuteMode, direction: task.Direction) -> str:
     """Move the lift where the robot stands, or by a carry task if the action names a mark.
 
     Args:
-        lift: request that moves the lift where the robot stands.
+        mode: where the lift moves; kUp or kDown.
         direction: direction of the carry task at the mark; kFeeding: load, kCutting: unload.
 
     Returns:
@@ -186,12 +159,23 @@ async def _carry(run: Run, lift: Message, direction: task.Direction) -> str:
     """
     mark = run.given.get(_STATION)
     if mark is None:
-        return await run.call(lift)
+        return await run.call(LiftControl(execute_mode=mode))
     await run.wait_for_tasks()
     run.require_near(mark)
     request = ExecTask(type=task.kCarry, direction=direction, mark_no=mark)
     await run.execution.tasks.perform(request, run.report)
     return ""
+
+
+pick, drop = (
+    vehicle_action(
+        name, ON_NODES, description, *_LOAD_PARAMETERS, blocking=STANDSTILL, pausable=True
+    )(partial(_carry, mode=mode, direction=direction))
+    for name, description, mode, direction in (
+        ("pick", "take up a load by raising the lift", LiftControl.kUp, task.kFeeding),
+        ("drop", "put down the load by lowering the lift", LiftControl.kDown, task.kCutting),
+    )
+)
 
 
 _MIN_SPEED = 0.01

@@ -181,7 +181,7 @@ class ActionRunner:
         running.add_done_callback(lambda task: self._done(action, task))
 
     def _done(self, action: Action, task: asyncio.Task[None]) -> None:
-        """Let an action fail if its task was cancelled before `_run` began."""
+        """Let an action fail if its task was cancelled."""
         if self._tasks.get(action.id) is task:
             self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, ""))
 
@@ -200,9 +200,6 @@ class ActionRunner:
             else:
                 report(ActionStatus.RUNNING)
             result = await definition.perform(run)
-        except asyncio.CancelledError:
-            self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, ""))
-            raise
         except ActionFailedError as error:
             self._failed(action, said_by(error), error.kind)
         except LinkError as error:

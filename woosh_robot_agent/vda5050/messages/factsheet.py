@@ -141,27 +141,6 @@ class ActionType:
         """True if the action controls the vehicle itself, and waits for no other action."""
         return self.scopes == {Scope.INSTANT}
 
-    def find_objection(self, action: Action, scope: Scope) -> Objection | None:
-        """Return why an action of this type is impossible in a scope; None if it is possible."""
-        if scope not in self.scopes:
-            places = joined(_OR, sorted(_SCOPES[each] for each in self.scopes))
-            return Objection(_WRONG_SCOPE(action=self.name, place=_SCOPES[scope], places=places))
-        if scope is not Scope.INSTANT and action.blocking not in self.blocking:
-            permitted = joined(_OR, sorted(each.value for each in self.blocking))
-            blocking = action.blocking.value
-            return Objection(_BLOCKING(action=self.name, types=permitted, given=blocking))
-        given, known = action.parameters, {each.key: each for each in self.parameters}
-        for key in given:
-            if key not in known:
-                return Objection(_UNKNOWN_KEY(action=self.name, key=key), key)
-        for key, parameter in known.items():
-            if key not in given:
-                if not parameter.optional:
-                    return Objection(_MISSING_KEY(action=self.name, key=key), key)
-            elif allowed := parameter.broken_rule(given[key]):
-                return Objection(_WRONG_VALUE(action=self.name, key=key, allowed=allowed), key)
-        return None
-
 
 ActionTypes: TypeAlias = Mapping[str, ActionType]
 """The actions of a vehicle, by name."""
@@ -171,7 +150,25 @@ def find_objection(types: ActionTypes, action: Action, scope: Scope) -> Objectio
     """Return why the vehicle cannot perform an action; None if the action is possible."""
     if action.type not in types:
         return Objection(_NO_ACTION(action=action.type))
-    return types[action.type].find_objection(action, scope)
+    kind = types[action.type]
+    if scope not in kind.scopes:
+        places = joined(_OR, sorted(_SCOPES[each] for each in kind.scopes))
+        return Objection(_WRONG_SCOPE(action=kind.name, place=_SCOPES[scope], places=places))
+    if scope is not Scope.INSTANT and action.blocking not in kind.blocking:
+        permitted = joined(_OR, sorted(each.value for each in kind.blocking))
+        blocking = action.blocking.value
+        return Objection(_BLOCKING(action=kind.name, types=permitted, given=blocking))
+    given, known = action.parameters, {each.key: each for each in kind.parameters}
+    for key in given:
+        if key not in known:
+            return Objection(_UNKNOWN_KEY(action=kind.name, key=key), key)
+    for key, parameter in known.items():
+        if key not in given:
+            if not parameter.optional:
+                return Objection(_MISSING_KEY(action=kind.name, key=key), key)
+        elif allowed := parameter.broken_rule(given[key]):
+            return Objection(_WRONG_VALUE(action=kind.name, key=key, allowed=allowed), key)
+    return None
 
 
 @dataclass(frozen=True)
@@ -203,8 +200,6 @@ class Factsheet:
         vehicle_class: `agvClass`, e.g. CARRIER.
         max_load: maximum mass of the load.
         outline: corners of the outline, as x and y in the vehicle's frame; empty if unknown.
-        optional_parameters: optional fields that the vehicle obeys, e.g. `order.edges.maxSpeed`,
-            with a description, which may be empty.
         versions: versions of the vehicle's software, by name.
     """
 
@@ -219,5 +214,4 @@ class Factsheet:
     limits: Limits
     outline: tuple[tuple[float, float], ...]
     actions: tuple[ActionType, ...]
-    optional_parameters: Mapping[str, str]
     versions: tuple[tuple[str, str], ...] = ()

@@ -199,14 +199,9 @@ def _edge(version: Version, edge: Mapping[str, Any], nodes: Mapping[int, str]) -
         unsupported=tuple(
             name
             for name in version.unsupported_edge_fields
-            if name in edge and not _is_obeyed(name, edge)
+            if name in edge and not (name in OBEYED_ANYWAY and OBEYED_ANYWAY[name](edge))
         ),
     )
-
-
-def _is_obeyed(name: str, edge: Mapping[str, Any]) -> bool:
-    """Return True if an unsupported field of an edge demands only what the robot does anyway."""
-    return name in OBEYED_ANYWAY and OBEYED_ANYWAY[name](edge)
 
 
 def _action(version: Version, action: Mapping[str, Any]) -> Action:

@@ -192,7 +192,6 @@ class ActionState:
     Attributes:
         result: result or reason of a failure; may be empty.
         description: further information from the order; may be empty.
-        instant: True if an instantActions message requested the action.
     """
 
     id: str
@@ -200,7 +199,6 @@ class ActionState:
     status: ActionStatus
     result: str = ""
     description: str = ""
-    instant: bool = False
 
 
 @dataclass(frozen=True)
@@ -273,8 +271,6 @@ class OrderStatus:
         last_node_sequence_id: its sequence id; 0 if there is none.
         nodes: nodes still to be reached, the horizon included.
         edges: edges still to be traversed, the horizon and the current edge included.
-        actions: actions of the order; in a `VehicleState` also the instant actions.
-        paused: True while the vehicle is paused; set in a `VehicleState` only.
         new_base_request: True if the vehicle needs more of the horizon released, because it is
             about to reach the end of the base.
         distance_since_last_node: distance driven since the last node, in metres; None if unknown.
@@ -287,7 +283,6 @@ class OrderStatus:
     nodes: tuple[Node, ...] = ()
     edges: tuple[Edge, ...] = ()
     actions: tuple[ActionState, ...] = ()
-    paused: bool = False
     new_base_request: bool = False
     distance_since_last_node: float | None = None
 
@@ -329,10 +324,12 @@ class VehicleState:
     """The complete state of a vehicle.
 
     Attributes:
-        order: progress of the order, with all actions.
+        paused: True while the vehicle is paused.
         errors: errors of orders, actions, the connector and the robot.
     """
 
     order: OrderStatus
     robot: RobotStatus
-    errors: tuple[VehicleError, ...] = ()
+    instant_actions: tuple[ActionState, ...]
+    paused: bool
+    errors: tuple[VehicleError, ...]

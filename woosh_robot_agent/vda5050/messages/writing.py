@@ -44,6 +44,17 @@ _MAX_ACCELERATION = 0.5
 """Maximum acceleration and deceleration in the factsheet, in m/s²; the robot reports neither."""
 _MAX_ANGLE = 3.14159265359
 """Largest angle that the published schemas permit, in radians."""
+OPTIONAL_PARAMETERS: Mapping[str, str] = {
+    "order.nodes.nodePosition": "or nodeId is the number of a mark",
+    "order.nodes.nodePosition.theta": "",
+    "order.nodes.nodePosition.allowedDeviationXY": "",
+    "order.nodes.nodePosition.allowedDeviationTheta": "",
+    "order.edges.maxSpeed": "",
+    "order.edges.orientation": "only TANGENTIAL 0: forwards",
+    "order.edges.rotationAllowed": "only true",
+    "order.edges.trajectory": "also several edges without a stop",
+}
+"""Optional fields of the standard that the connector obeys, with descriptions, if needed."""
 
 _NOT_LOCALIZED = VehicleError(
     "LOCALIZATION_ERROR",
@@ -64,7 +75,7 @@ def state_message(version: Version, state: VehicleState) -> Fields:
         "nodeStates": list(map(_node_state, order.nodes)),
         "edgeStates": list(map(_edge_state, order.edges)),
         "driving": robot.driving,
-        "paused": order.paused,
+        "paused": state.paused,
         "newBaseRequest": order.new_base_request,
         "batteryState": _battery(robot.battery),
         "operatingMode": version.value(robot.mode.value),
@@ -74,12 +85,13 @@ def state_message(version: Version, state: VehicleState) -> Fields:
             "fieldViolation": robot.field_violation,
         },
     }
-    actions = [each for each in order.actions if not (version.is_3 and each.instant)]
-    message["actionStates"] = [_action_state(version, each) for each in actions]
+    actions = [_action_state(version, each) for each in order.actions]
+    instant_actions = [_action_state(version, each) for each in state.instant_actions]
     if version.is_3:
-        instant = [each for each in order.actions if each.instant]
-        message["instantActionStates"] = [_action_state(version, each) for each in instant]
+        message |= {"actionStates": actions, "instantActionStates": instant_actions}
         message |= _planned_path(state)
+    else:
+        message["actionStates"] = actions + instant_actions
     if order.distance_since_last_node is not None:
         message["distanceSinceLastNode"] = round(order.distance_since_last_node, 3)
     if robot.loaded is not None:
@@ -150,8 +162,10 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         },
         "protocolFeatures": {
             "optionalParameters": [
-                _optional_parameter(name, description)
-                for field, description in factsheet.optional_parameters.items()
+                _without_empty(
+                    {"parameter": name, "support": "SUPPORTED", "description": description}
+                )
+                for field, description in OPTIONAL_PARAMETERS.items()
                 if (name := version.name(field))
             ],
             "agvActions": [_action_type(version, each) for each in factsheet.actions],
@@ -313,10 +327,6 @@ def _error(version: Version, error: VehicleError) -> Fields:
 
 
 # Parts of the factsheet
-
-
-def _optional_parameter(name: str, description: str) -> Fields:
-    return _without_empty({"parameter": name, "support": "SUPPORTED", "description": description})
 
 
 def _action_type(version: Version, action: ActionType) -> Fields:

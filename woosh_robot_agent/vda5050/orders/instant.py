@@ -141,11 +141,7 @@ class InstantActions:
                 ids.pop(action.id, None)  # moves a repeated id to the end
             self._known[action.id] = None
             self._states[action.id] = ActionState(
-                action.id,
-                action.type,
-                ActionStatus.WAITING,
-                description=action.description,
-                instant=True,
+                action.id, action.type, ActionStatus.WAITING, description=action.description
             )
             objection = find_objection(self._types, action, Scope.INSTANT)
             if self._is_too_many(action.type):
@@ -159,21 +155,17 @@ class InstantActions:
         self._forget_oldest()
         return accepted
 
-    def restore(
-        self, states: Sequence[ActionState], known_ids: Sequence[str], holds: Sequence[str]
-    ) -> list[str]:
-        """Restore the states after a restart.
+    def restore(self, states: Sequence[ActionState], known_ids: Sequence[str]) -> None:
+        """Restore the states after a restart; the order must have been restored before.
 
-        Actions that ran fail, except `cancelOrder`, which is performed again.
+        Actions that ran fail, except `cancelOrder`, which is performed again. If one of them
+        forbade driving, the order is interrupted, because the robot may still execute the action.
 
         Args:
             states: the saved states; the changes of the last seconds may be missing.
-            holds: names of the holds that kept the vehicle from driving.
-
-        Returns:
-            The ids of the actions that forbade driving; the robot may still execute them.
         """
         self._known.update(dict.fromkeys(known_ids))
+        holds = sorted(hold for hold in self._order.holds if hold.startswith(_HOLD_PREFIX))
         for state in states:
             self._states[state.id] = state
             if state.status.ended:
@@ -183,10 +175,9 @@ class InstantActions:
                 self.commands.append(Perform(action, at_once=True))
             else:
                 self.changed(state.id, ActionStatus.FAILED, "the connector was restarted")
-        interrupted = [hold for hold in holds if hold.startswith(_HOLD_PREFIX)]
-        for hold in interrupted:
-            self._order.release(hold)
-        return [hold.removeprefix(_HOLD_PREFIX) for hold in interrupted]
+        self._order.holds.difference_update(holds)
+        for hold in holds:
+            self._order.interrupt(hold.removeprefix(_HOLD_PREFIX))
 
     def changed(self, action_id: str, status: ActionStatus, result: str) -> bool:
         """Store the new status of an action; return False if it is not an instant action.
@@ -198,7 +189,7 @@ class InstantActions:
             return False
         self._states[action_id] = replace(state, status=status, result=result)
         if status.ended:
-            self._order.release(_hold_of(action_id))
+            self._order.holds.discard(_hold_of(action_id))
             if again := self._pause_again.pop(action_id, None):
                 self.receive([again])
         return True
@@ -254,7 +245,7 @@ class InstantActions:
         if action.blocking not in kind.blocking:
             action = replace(action, blocking=BlockingType.HARD)
         if action.blocking.forbids_driving:
-            self._order.hold(_hold_of(action.id))
+            self._order.holds.add(_hold_of(action.id))
         self.commands.append(Perform(action))
 
     def _repeats_running_pause(self, action: Action) -> bool:

@@ -101,6 +101,9 @@ class OrderMachine:
     Call a method for each event, and then `poll` for the commands.
 
     Attributes:
+        route: the rest of the order, and the place of the vehicle on it.
+        holds: names of the holds, i.e. of the reasons for which the vehicle must not drive, e.g. a
+            pause. While there is one, the drive is paused, and no leg starts.
         error: why the order can only be cancelled; None while it can go on.
         canceling: True while the order is being cancelled, i.e. until its drive and actions have
             ended, and `empty` is called.
@@ -109,14 +112,13 @@ class OrderMachine:
 
     def __init__(self) -> None:
         self._actions = OrderActions()
-        self._route = Route(self._actions)
+        self.route = Route(self._actions)
         self.error: VehicleError | None = None
         self._order: Order | None = None
         """The order or update that was taken last."""
         self.canceling = False
         self.is_cancelled = False
-        self._holds: set[str] = set()
-        """Names of the holds, i.e. of the reasons for which the vehicle must not drive."""
+        self.holds: set[str] = set()
         self._is_drive_paused: bool | None = False
         """True if the last command about the drive was a pause; None if unknown after a restart."""
         self._lost_at: Position | None = None
@@ -128,20 +130,20 @@ class OrderMachine:
     def held(self) -> bool:
         """True while a hold or an interruption of the order keeps the vehicle from driving."""
         interrupted = self.error is not None and self.error.type == ErrorType.INTERRUPTED.value
-        return bool(self._holds) or interrupted
+        return bool(self.holds) or interrupted
 
     @property
     def busy(self) -> bool:
         """True if the vehicle executes or cancels an order, or waits for an update of it."""
         if self.canceling:
             return True
-        route, actions = self._route, self._actions
+        route, actions = self.route, self._actions
         return bool(route.nodes or route.edges or route.leg or actions.running or actions.triggered)
 
     @property
     def driving(self) -> bool:
         """True if the vehicle drives a leg, i.e. a part of the order without a stop."""
-        return self._route.leg is not None
+        return self.route.leg is not None
 
     @property
     def acting(self) -> bool:
@@ -155,7 +157,7 @@ class OrderMachine:
 
     @property
     def _has_next_step(self) -> bool:
-        edges = self._route.edges
+        edges = self.route.edges
         return bool(self._actions.triggered or (edges and edges[0].released))
 
     @property
@@ -163,7 +165,7 @@ class OrderMachine:
         """Why the order does not go on; empty while it goes on."""
         if self.error is not None:
             return (self.error,)
-        route, here = self._route, self._route.position
+        route, here = self.route, self.route.position
         node = route.nodes[0] if route.nodes and route.nodes[0].released else None
         if node is None or here is None or route.is_on_map_of(node):
             return ()
@@ -197,7 +199,7 @@ class OrderMachine:
     @property
     def status(self) -> OrderStatus:
         """Progress of the order."""
-        route, last = self._route, self._route.last_node
+        route, last = self.route, self.route.last_node
         return OrderStatus(
             order_id=self.order_id,
             update_id=self._update_id,
@@ -213,25 +215,25 @@ class OrderMachine:
     @property
     def progress(self) -> tuple[Node | None, bool]:
         """Last node, and True if more base is needed: a change of these is published at once."""
-        return self._route.last_node, self._needs_base
+        return self.route.last_node, self._needs_base
 
     @property
     def _needs_base(self) -> bool:
-        return not self.canceling and needs_base(self._route.nodes, self._route.position)
+        return not self.canceling and needs_base(self.route.nodes, self.route.position)
 
     @property
     def speed_limit(self) -> float | None:
         """Maximum speed now, in m/s; infinite without a limit, None while no leg is driven."""
-        if (leg := self._route.leg) is None:
+        if (leg := self.route.leg) is None:
             return None
-        current = leg.edges.index(self._route.edges[0])
-        return speed_limit(leg.edges[current:], leg.nodes[current:], self._route.position)
+        current = leg.edges.index(self.route.edges[0])
+        return speed_limit(leg.edges[current:], leg.nodes[current:], self.route.position)
 
     @property
     def _decision_point(self) -> Node | None:
         """Last node of the base, or the last reached node if no base is left."""
-        released = [node for node in self._route.nodes if node.released]
-        return released[-1] if released else self._route.last_node
+        released = [node for node in self.route.nodes if node.released]
+        return released[-1] if released else self.route.last_node
 
     def has_action(self, action_id: str) -> bool:
         """Return True if an action of the order has this id."""
@@ -268,21 +270,21 @@ class OrderMachine:
             return kind
         horizon: list[Node | Edge] = []
         if kind is OrderKind.UPDATE:
-            horizon = [part for part in self._route.parts if not part.released]
+            horizon = [part for part in self.route.parts if not part.released]
             kept = self._actions.ids_without(horizon)
             check_first_actions(order, kept.__contains__)
             check_action_ids(order, kept)
         check(order)  # before check_start, which would fail with another error on an unknown map
         if kind is OrderKind.NEW:
-            check_start(order, self._route.stands_on)
+            check_start(order, self.route.stands_on)
             self.error = None
             self.is_cancelled = False
             self._actions.clear()
             self._actions.add(in_sequence(order.nodes, order.edges))
-            self._route.begin(order)
+            self.route.begin(order)
         else:
             self._actions.remove(horizon)
-            self._route.append(order)
+            self.route.append(order)
             self._actions.add(in_sequence(order.nodes[1:], order.edges))
         self._order = order
         return kind
@@ -293,14 +295,14 @@ class OrderMachine:
         Args:
             node_id: id of the node; empty if the vehicle stands on no node.
         """
-        last = self._route.last_node
+        last = self.route.last_node
         # an update of the order may have to begin with this sequence id
         number = last.sequence_id if last and self.busy else 0
-        self._route.set_last_node(Node(node_id, number) if node_id else None)
+        self.route.set_last_node(Node(node_id, number) if node_id else None)
 
     def forget_left_node(self) -> None:
         """Forget the last node if the vehicle has left it; not during an order."""
-        if not self.busy and self._route.has_left_last_node:
+        if not self.busy and self.route.has_left_last_node:
             self.set_last_node("")
 
     def moved(
@@ -314,29 +316,25 @@ class OrderMachine:
             confirmed: True if the robot has confirmed, over the current link, that it drives the
                 leg.
         """
-        self._route.moved(
+        self.route.moved(
             position, by_action=by_action, confirmed=confirmed, passes=not self.canceling
         )
-        if _NO_POSITION in self._holds:
+        if _NO_POSITION in self.holds:
             self._position_found(position)
 
     def position_lost(self) -> None:
         """Hold the drive until the next `moved`: the vehicle does not know its position."""
-        if _NO_POSITION not in self._holds:
-            self._lost_at = self._route.position
-            self.hold(_NO_POSITION)
+        if _NO_POSITION not in self.holds:
+            self._lost_at = self.route.position
+            self.holds.add(_NO_POSITION)
 
     def _position_found(self, position: Position) -> None:
         """Let a drive go on if the vehicle is where it lost its position; else set `error`."""
-        self.release(_NO_POSITION)
+        self.holds.discard(_NO_POSITION)
         if not self.driving or self.canceling or self.error is not None:
             return
         if distance(self._lost_at, position) > _MAX_COAST:
             self.error = self._fatal_error(ErrorType.INTERRUPTED, _LOST())
-
-    def link_lost(self) -> None:
-        """Pass no node until the robot confirms the drive: it may be moved without the link."""
-        self._route.link_lost()
 
     def drive_ended(self, reason: str = "") -> None:
         """Take note that the drive has ended.
@@ -344,7 +342,7 @@ class OrderMachine:
         Args:
             reason: why the drive did not reach the goal of the leg; empty if it did.
         """
-        route = self._route
+        route = self.route
         if route.leg is None or self.canceling:
             route.leg = None
         elif reason:
@@ -361,24 +359,12 @@ class OrderMachine:
 
     def drive_unsent(self) -> None:
         """Take note that the last `Drive` was not sent to the robot; `poll` returns it again."""
-        self._route.leg = None
-        self._route.must_check_place = True  # without a link, people may move the robot
+        self.route.leg = None
+        self.route.must_check_place = True  # without a link, people may move the robot
 
     def action_changed(self, action_id: str, status: ActionStatus, result: str = "") -> None:
         """Store the new status of an action that was started by a `Perform` command."""
         self._actions.set_status(action_id, status, result)
-
-    def hold(self, name: str) -> None:
-        """Pause the drive, and start no leg, until each hold is released.
-
-        Args:
-            name: name of the hold, i.e. of the reason not to drive, e.g. a pause.
-        """
-        self._holds.add(name)
-
-    def release(self, name: str) -> None:
-        """End a hold; idempotent."""
-        self._holds.discard(name)
 
     def cancel(self, reason: str = "the order was cancelled") -> None:
         """Begin to cancel the order; `empty` ends the cancellation.
@@ -390,7 +376,7 @@ class OrderMachine:
         self.error = None
         self._actions.cancel(reason)
         if self.driving:
-            self._command(Control.CANCEL)
+            self._actions.commands.append(Control.CANCEL)
 
     def poll(
         self, *, may_drive: bool = True, may_check: bool = True, may_empty: bool = True
@@ -417,18 +403,14 @@ class OrderMachine:
     def empty(self) -> None:
         """Remove the remaining nodes and edges of a cancelled order that has ended."""
         self.canceling = False
-        self._route.empty()
-
-    def require_place_check(self) -> None:
-        """Check the position before the order goes on: the vehicle may have been moved."""
-        self._route.must_check_place = True
+        self.route.empty()
 
     # Memory
 
     @property
     def memory(self) -> OrderMemory:
         """State that must survive a restart of the program."""
-        route, leg = self._route, self._route.leg
+        route, leg = self.route, self.route.leg
         return OrderMemory(
             order_id=self.order_id,
             update_id=self._update_id,
@@ -441,7 +423,7 @@ class OrderMachine:
             actions=self._actions.memory,
             canceling=self.canceling,
             cancelled=self.is_cancelled,
-            holds=tuple(sorted(self._holds)),
+            holds=tuple(sorted(self.holds)),
             error=self.error,
         )
 
@@ -455,14 +437,14 @@ class OrderMachine:
             return
         # the nodes and edges that were passed are not saved, so `_order` is without parts
         self._order = Order(memory.order_id, memory.update_id, nodes=(), edges=())
-        route = self._route
+        route = self.route
         route.restore(memory.last_node, memory.nodes, memory.edges, on_edge=memory.on_edge)
         route.driven_to = memory.place
         self._actions.restore(memory.actions)
         if length := memory.leg_length:
             route.leg = Leg(memory.edges[:length], memory.nodes[:length])
         self.is_cancelled = memory.cancelled
-        self._holds = set(memory.holds)
+        self.holds = set(memory.holds)
         self.error = memory.error
         self._is_drive_paused = None if self.held else False
         for action in self._actions.interrupt(_RESTARTED):
@@ -491,7 +473,7 @@ class OrderMachine:
         Returns:
             False while the order must wait, because the position cannot be checked yet.
         """
-        route = self._route
+        route = self.route
         last = route.last_node
         if not route.must_check_place or self.driving or not self._has_next_step:
             return True
@@ -517,10 +499,6 @@ class OrderMachine:
             (("orderId", self.order_id), *references),
         )
 
-    def _command(self, command: Command) -> None:
-        """Add a command to those that `poll` returns next."""
-        self._actions.commands.append(command)
-
     def _start_actions(self) -> None:
         if self.error is None:
             self._actions.start(driving=self.driving)
@@ -529,7 +507,7 @@ class OrderMachine:
         """Pause or resume the drive after a change of `held`."""
         if self.driving and self._is_drive_paused != self.held:
             self._is_drive_paused = self.held
-            self._command(Control.PAUSE if self.held else Control.RESUME)
+            self._actions.commands.append(Control.PAUSE if self.held else Control.RESUME)
 
     def _start_leg_or_reach_in_place(self) -> bool:
         """Start the next leg, or reach the next node without a drive if it is at the same place.
@@ -539,7 +517,7 @@ class OrderMachine:
         Returns:
             True if the next node was reached, so that the leg after it may start.
         """
-        route = self._route
+        route = self.route
         if self.driving or self.error is not None or self._actions.need_standstill():
             return False
         leg = next_leg(route.edges, route.nodes)
@@ -562,5 +540,5 @@ class OrderMachine:
             return False
         route.begin_leg(leg)
         self._is_drive_paused = False
-        self._command(Drive(leg))
+        self._actions.commands.append(Drive(leg))
         return False

@@ -40,6 +40,11 @@ class StoredMap:
     name: str
     version: str
 
+    def is_used(self, info: RobotInfo | None) -> bool:
+        """Return True if the robot uses the map, by its last reports; None before the first."""
+        used = None if info is None else (info.scene.scene_name, info.scene.map_name)
+        return used == (self.scene, self.name)
+
 
 class RobotMaps:
     """The maps on the robot, and the marks of its scene. Used in the event loop of the link.
@@ -95,10 +100,7 @@ class RobotMaps:
         """
         if self._maps is None:
             return None
-        current = (info.scene.scene_name, info.scene.map_name)
-        return tuple(
-            Map(each.name, each.version, (each.scene, each.name) == current) for each in self._maps
-        )
+        return tuple(Map(each.name, each.version, each.is_used(info)) for each in self._maps)
 
     def find(self, name: str, version: str | None = None) -> list[StoredMap]:
         """Return the maps with a name, and with a version if it is not None.

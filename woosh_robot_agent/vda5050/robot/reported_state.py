@@ -56,8 +56,7 @@ class ReportedState:
         self._link = link
         self._values = LastKnown(link.chassis)
         self._status: RobotStatus | None = None
-        self._is_current = False
-        """True if `_status` is up to date, except for the position."""
+        """The status when it was read last; None if it has changed since, except for its pose."""
         self._has_moved = False
         """True if the position has changed since `_status` was computed."""
         self._pose_at = -math.inf
@@ -83,7 +82,7 @@ class ReportedState:
         info = self.info
         if info is None:
             return None
-        if self._status is None or not self._is_current:
+        if self._status is None:
             report = self._values.value(NavPath)
             path = () if report is None else status.points(report.path.poses)
             self._status = replace(status.robot_status(info), path=path)
@@ -94,7 +93,7 @@ class ReportedState:
                 position=status.position(info),
                 velocity=status.velocity(info),
             )
-        self._is_current, self._has_moved = True, False
+        self._has_moved = False
         return self._status
 
     @property
@@ -115,10 +114,19 @@ class ReportedState:
         """True while the robot moves, by its last report."""
         return self.status is not None and self.status.driving
 
-    def remember_pose(self, pose: PoseSpeed) -> None:
-        """Store a pose that the robot sent as an answer, not as a push."""
-        self._values.remember(pose)
-        self._moved()
+    async def read_pose(self) -> None:
+        """Ask for the pose, and store it: a robot that stands pushes it late, or not at all.
+
+        Raises:
+            LinkError: the robot did not answer.
+        """
+
+        def take_answer(answer: Answer) -> None:
+            if answer.ok and isinstance(answer.body, PoseSpeed):
+                self._values.remember(answer.body)
+                self._moved()
+
+        await self._link.ask(PoseSpeed(), tap=take_answer)
 
     def _moved(self) -> None:
         """Take note of a new pose."""
@@ -128,7 +136,7 @@ class ReportedState:
         self._watch_for_silence()
 
     def _changed(self) -> None:
-        self._is_current = False
+        self._status = None
         self._link.changed()
         self._watch_for_silence()
 
@@ -160,15 +168,10 @@ class ReportedState:
 
     async def _ask_for_pose(self) -> None:
         """Ask for the pose once; without an answer, `_check_silence` asks again."""
-
-        def take_answer(answer: Answer) -> None:
-            if answer.ok and isinstance(answer.body, PoseSpeed):
-                self.remember_pose(answer.body)
-
         try:
-            await self._link.ask(PoseSpeed(), tap=take_answer)
+            await self.read_pose()
         except LinkError as error:
             _LOG.debug("no answer about the pose: %s", error)  # asked again
 
     def _path_changed(self) -> None:
-        self._is_current = False  # without `_link.changed`: a new path needs no state message
+        self._status = None  # without `_link.changed`: a new path needs no state message

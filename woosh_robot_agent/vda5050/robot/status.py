@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 from woosh_robot_agent.pb.robot.robot_count_pb2 import AbnormalCodes, StatusCode
@@ -203,17 +203,6 @@ _CLASSES = {
 """VDA 5050 classes of robots, by the robot's type; all other types are carriers."""
 _DIFFERENTIAL = 0
 """Value of `General.driver_method` for a differential drive."""
-OPTIONAL_PARAMETERS: Mapping[str, str] = {
-    "order.nodes.nodePosition": "or nodeId is the number of a mark",
-    "order.nodes.nodePosition.theta": "",
-    "order.nodes.nodePosition.allowedDeviationXY": "",
-    "order.nodes.nodePosition.allowedDeviationTheta": "",
-    "order.edges.maxSpeed": "",
-    "order.edges.orientation": "only TANGENTIAL 0: forwards",
-    "order.edges.rotationAllowed": "only true",
-    "order.edges.trajectory": "also several edges without a stop",
-}
-"""Optional fields of the standard that the connector obeys, with descriptions, if needed."""
 
 
 def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) -> Factsheet:
@@ -234,6 +223,5 @@ def factsheet(info: RobotInfo, limits: Limits, actions: tuple[ActionType, ...]) 
         outline=points(info.model.model),
         limits=limits,
         actions=actions,
-        optional_parameters=OPTIONAL_PARAMETERS,
         versions=tuple((key, value) for key, value in versions if value),
     )

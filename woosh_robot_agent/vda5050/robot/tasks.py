@@ -145,6 +145,7 @@ class TaskRunner:
         foreign_id: id of the task that the robot executes, if it is not the current task of this
             runner; otherwise 0.
         confirmed: True once the robot has reported on the current task over the current link.
+        controller: pauses, resumes and cancels the current task; each task has its own.
         was_canceled: True if the last task was cancelled, by its last report.
         leaves_until: loop time until which the robot may still be in its last task.
     """
@@ -164,26 +165,16 @@ class TaskRunner:
         self.confirmed = False
         self.was_canceled = False
         self.leaves_until = -math.inf
-        self._controller = self._new_controller()
+        self.controller = self._new_controller()
         link.chassis.subscribe(TaskProc, self._reported)
         link.chassis.on_snapshot(self._snapshot)
         link.chassis.on_state(self._link_changed)
         link.on_task_end(self._foreign_ended)
 
     @property
-    def paused(self) -> bool:
-        """True while the task is paused, by the last report of the robot."""
-        return self._controller.paused
-
-    @property
     def is_late(self) -> bool:
         """True while the current task is one that was given up; it is being cancelled."""
         return self.id == self._given_up != 0
-
-    @property
-    def stays_paused(self) -> bool:
-        """True while the task is paused, and no resumption was sent that may still take effect."""
-        return self._controller.stays_paused
 
     def start(self, request: ExecTask) -> None:
         """Execute a task; it gets a new id."""
@@ -213,19 +204,7 @@ class TaskRunner:
         A cancelled task stays cancelled.
         """
         if self.id:
-            self._controller.want(control)
-
-    def end_own_pause(self) -> None:
-        """Resume the task, unless somebody else has paused it."""
-        self._controller.end_own_pause()
-
-    def adopt_pause(self) -> None:
-        """Treat the current pause as an own one, which `end_own_pause` ends."""
-        self._controller.adopt_pause()
-
-    def disown_pause(self) -> None:
-        """Treat an own pause as one by somebody else, which `end_own_pause` does not end."""
-        self._controller.disown_pause()
+            self.controller.want(control)
 
     # Commands
 
@@ -234,8 +213,8 @@ class TaskRunner:
         self.id = task_id
         self._last_id = max(self._last_id, task_id)
         self.confirmed = False
-        self._controller.end()
-        self._controller = self._new_controller()
+        self.controller.end()
+        self.controller = self._new_controller()
 
     def _new_controller(self) -> Controller:
         """Return a controller for the current task."""
@@ -313,7 +292,7 @@ class TaskRunner:
         """Update the current task from a report."""
         if not self.confirmed:
             self.confirmed = True
-            self._controller.send_now()  # the robot may have refused a command before it began
+            self.controller.send_now()  # the robot may have refused a command before it began
         if report.state in _END_REASONS:
             reason = _END_REASONS[report.state]
             text = report.msg if reason else ""
@@ -323,7 +302,7 @@ class TaskRunner:
             return
         # before an obstacle, the state of the task is kPaused, too
         paused = report.state == task.kPaused and report.action.state == action.kSuspend
-        if self._controller.update(paused):
+        if self.controller.update(paused):
             self._on_pause_changed()
 
     def _snapshot(self, info: RobotInfo) -> None:
@@ -363,7 +342,7 @@ class TaskRunner:
                 is_current = await self._ask_current(task_id)
                 if is_current or await self._ask_history(task_id):
                     return
-                is_cancelled = self._controller.cancel_accepted
+                is_cancelled = self.controller.cancel_accepted
                 if is_current is None and self.confirmed and not is_cancelled:
                     return  # the robot refuses queries, but reports on the task
                 if clock() > deadline:
@@ -457,7 +436,7 @@ class TaskRunner:
                 return
 
     def _link_changed(self, state: LinkState) -> None:
-        self._controller.send_now()
+        self.controller.send_now()
         if state is not LinkState.READY:
             self.confirmed = False
 
@@ -481,12 +460,13 @@ class ActionTasks:
     """Executes the tasks of the vehicle's actions, one at a time.
 
     Attributes:
+        runner: executes the task; it goes on after an action that need not wait for its end.
         ended_by_action: True if another action ends the task that an action waits for.
     """
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
-        self._task = TaskRunner(link, self._ended, self._pause_changed)
+        self.runner = TaskRunner(link, self._ended, self._pause_changed)
         self._end: asyncio.Future[str] | None = None
         """Done when the task has ended, with the reason of a failure; empty after a success.
 
@@ -499,44 +479,29 @@ class ActionTasks:
         """True while the robot executes a task that an action started before a restart."""
 
     @property
-    def id(self) -> int:
-        """Id of the task that the robot executes for an action; 0 without a task."""
-        return self._task.id
-
-    @property
-    def leaves_until(self) -> float:
-        """Loop time until which the robot may still be in its last task."""
-        return self._task.leaves_until
-
-    @property
     def awaited_id(self) -> int:
         """Id of the task that an action waits for; 0 without one."""
-        return self._task.id if self._end is not None else 0
+        return self.runner.id if self._end is not None else 0
 
     @property
     def is_busy(self) -> bool:
         """True while an action waits for a task, or a task that began late is being cancelled."""
-        return self._end is not None or self._task.is_late
-
-    @property
-    def confirmed(self) -> bool:
-        """True once the robot has reported on the task over the current link."""
-        return self._task.confirmed
+        return self._end is not None or self.runner.is_late
 
     @property
     def paused(self) -> bool:
         """True while the task that an action waits for is paused, by its last report."""
-        return self._end is not None and self._task.paused
+        return self._end is not None and self.runner.controller.paused
 
     @property
     def all_paused(self) -> bool:
         """True if no action waits for a task, or this task stays paused."""
-        return self._end is None or self._task.stays_paused
+        return self._end is None or self.runner.controller.stays_paused
 
     def want(self, control: Control) -> None:
         """Pause or resume the task that an action waits for."""
         if self._end is not None:
-            self._task.want(control)
+            self.runner.want(control)
 
     def restore(self, task_id: int, info: RobotInfo, is_done: Callable[[], bool]) -> None:
         """Take over the task that the robot may still execute after a restart of the program.
@@ -551,7 +516,7 @@ class ActionTasks:
             self.has_leftover = True
             self._end = asyncio.get_running_loop().create_future()
             self._link.background.start(self._wait_for_leftover(self._end, is_done))
-            self._task.restore(task_id, info)
+            self.runner.restore(task_id, info)
 
     async def _wait_for_leftover(
         self, end: asyncio.Future[str], is_done: Callable[[], bool]
@@ -564,7 +529,7 @@ class ActionTasks:
     def cancel_leftover(self) -> None:
         """Cancel the task that was started before a restart."""
         if self.has_leftover:
-            self._task.want(Control.CANCEL)
+            self.runner.want(Control.CANCEL)
 
     async def perform(
         self,
@@ -588,19 +553,19 @@ class ActionTasks:
         end: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         self._end, self._report, self.ended_by_action = end, report, False
         self._link.changed()  # so that `awaited_id` is saved before the task is sent
-        self._task.start(request)
+        self.runner.start(request)
         report(ActionStatus.RUNNING)
         try:
             await self._link.conditions.wait(lambda: end.done() or is_done())
         except asyncio.CancelledError:
             if not self._link.is_closing:  # when the connector ends, the robot goes on
-                self._task.want(Control.CANCEL)
+                self.runner.want(Control.CANCEL)
                 await asyncio.wait({end})
             raise
         finally:
             self._end = None
         if end.done() and end.result():
-            by_others = self._task.was_canceled and not self.ended_by_action
+            by_others = self.runner.was_canceled and not self.ended_by_action
             interrupts = by_others or end.result() == _UNKNOWN_TASK
             raise ActionFailedError(
                 end.result(), ErrorType.INTERRUPTED if interrupts else ErrorType.ACTION
@@ -613,5 +578,7 @@ class ActionTasks:
 
     def _pause_changed(self) -> None:
         if self._end is not None:
-            self._report(ActionStatus.PAUSED if self._task.paused else ActionStatus.RUNNING)
+            self._report(
+                ActionStatus.PAUSED if self.runner.controller.paused else ActionStatus.RUNNING
+            )
         self._link.changed()
