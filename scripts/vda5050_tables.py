@@ -91,7 +91,6 @@ UNSUPPORTED: Mapping[str, Mapping[str, Iterable[str]]] = {
         _NO_VALUE: [
             "physicalParameters.minimumAngularSpeed",
             "physicalParameters.maximumAngularSpeed",
-            "physicalParameters.heightMin",
             "agvGeometry.wheelDefinitions.*",
             "agvGeometry.envelopes3d.*",
             "mobileRobotGeometry.wheelDefinitions.*",

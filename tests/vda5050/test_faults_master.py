@@ -81,6 +81,31 @@ async def test_rubbish_is_rejected_and_does_no_harm(site: Site) -> None:
     assert site.chassis.counts[EXEC] == 0
 
 
+async def test_a_repeated_order_is_answered_by_a_state(site: Site) -> None:
+    """A repetition with another content is ignored, as version 2.1 demands."""
+    nodes = [node("a", 0, *START), node("b", 2, 8.0, -7.5, released=False)]
+    async with site.online() as master:
+        master.order(nodes)
+        await master.accepted()
+        for description in [""] * 5 + ["changed"] * 5:  # more than states that have other causes
+            count = len(master.received["state"])
+            master.order([nodes[0] | {"nodeDescription": description}, nodes[1]])
+            await eventually(lambda before=count: len(master.received["state"]) > before)
+            assert master.state["errors"] == []
+
+
+async def test_a_rejection_hides_no_earlier_one(site: Site) -> None:
+    async with site.online() as master:
+        for _ in range(2):
+            master.order([node("a", 0, *START)], order_id="")
+            await master.error("validationError")
+        master.order([node("a", 0, 0.0, 0.0)], order_id="far")
+        state = await master.error("noRouteError")
+        assert error_types(state) == ["validationError", "noRouteError"]
+        master.order([node("a", 0, *START)])
+        assert (await master.accepted())["errors"] == []
+
+
 async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_other(
     site: Site,
 ) -> None:

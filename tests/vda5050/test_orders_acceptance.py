@@ -9,6 +9,7 @@ import pytest
 from tests.vda5050.orders import Robot, action, at, given, path, place, references
 from woosh_robot_agent.vda5050.messages.order import BlockingType, Edge, NodePosition, Order
 from woosh_robot_agent.vda5050.messages.state import ActionStatus, ErrorLevel, ErrorType, Position
+from woosh_robot_agent.vda5050.orders.structure import OrderKind
 
 ORDER = path("abc", "d")
 MALFORMED = {
@@ -123,10 +124,13 @@ def test_a_repeated_order_changes_nothing() -> None:
 
 
 def test_a_repeated_update_with_another_content_is_rejected() -> None:
+    """In version 2.1, it is ignored."""
     robot = given(path("ab", "c"))
     robot.give(path("bc", first=2, update=1))
-    error = robot.refuses(path("bd", first=2, update=1))
+    changed = path("bd", first=2, update=1)
+    error = robot.refuses(changed)
     assert error.type == ErrorType.CHANGED_UPDATE
+    assert robot.machine.receive(changed, is_3=False) is OrderKind.KNOWN
     assert robot.nodes == "bc"
 
 

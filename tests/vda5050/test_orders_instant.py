@@ -158,6 +158,16 @@ SCOPES: dict[str, set[Scope]] = {
 """All actions in version 2.1, and where they may be requested."""
 
 
+def test_a_text_may_be_empty_where_the_standard_gives_that_a_meaning() -> None:
+    place = {"x": 0.0, "y": 0.0, "theta": 0.0, "mapId": "hall", "lastNodeId": ""}
+    stand = Action("1", "initPosition", parameters=place)
+    assert find_objection(TYPES, stand, Scope.INSTANT) is None
+    load = Action("2", "pick", BlockingType.HARD, parameters={"loadId": ""})
+    assert find_objection(TYPES, load, Scope.NODE) is None
+    enable = Action("3", "enableMap", parameters={"mapId": "hall", "mapVersion": ""})
+    assert find_objection(TYPES, enable, Scope.INSTANT) is None
+
+
 def test_the_actions_of_each_version() -> None:
     second, third = TYPES.keys(), action_types(V3_0).keys()
     assert second == SCOPES.keys()

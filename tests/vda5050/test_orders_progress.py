@@ -316,7 +316,7 @@ def test_a_drive_that_fails_ends_the_order_until_it_is_cancelled() -> None:
     robot.poll()
     error = robot.machine.error
     assert error is not None
-    assert (error.type, error.level) == (ErrorType.DRIVING, ErrorLevel.FATAL)
+    assert (error.type, error.level) == (ErrorType.DRIVING, ErrorLevel.CRITICAL)
     assert references(error) == {"orderId": "order", "nodeId": "b", "edgeId": "ab"}
     assert robot.machine.busy
     robot.give(path("bc", first=2, update=1))
@@ -333,6 +333,19 @@ def test_an_action_whose_end_is_unknown_leaves_no_error_of_a_cancelled_order() -
     robot.machine.interrupt("step")
     robot.finish("step")
     assert (robot.machine.error, robot.machine.busy) == (None, False)
+
+
+@pytest.mark.parametrize(("found", "goes_on"), [(0.9, True), (4.0, False)])
+def test_a_drive_that_has_lost_its_position_goes_on_only_where_it_stopped(
+    found: float, goes_on: bool
+) -> None:
+    robot = given(path("abcdef"))
+    robot.move(0.5)
+    robot.machine.position_lost()
+    assert robot.poll() == [Control.PAUSE]
+    robot.machine.position_lost()
+    assert robot.jump(found) == ([Control.RESUME] if goes_on else [])
+    assert (robot.machine.error is None) == goes_on
 
 
 def test_a_hold_pauses_the_drive_and_starts_none_until_all_are_released() -> None:

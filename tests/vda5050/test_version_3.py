@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import set_speed
-from tests.vda5050.conftest import Site
+from tests.vda5050.conftest import EXEC, Site, task_to
 from tests.vda5050.master import (
     START,
     Message,
@@ -22,15 +23,22 @@ from tests.vda5050.master import (
     references,
 )
 from tests.vda5050.samples import FACTSHEET, LINE, ORDER, ROBOT, STATE
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
+from woosh_robot_agent.pb.util import action_pb2
+from woosh_robot_agent.simulator import SimulatedChassis
+from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.messages.geometry import curve_defect, path_ahead
 from woosh_robot_agent.vda5050.messages.order import Ellipse, NodePosition, Order
 from woosh_robot_agent.vda5050.messages.reading import defect, read_order, refusal_of_zone_set
 from woosh_robot_agent.vda5050.messages.state import (
+    Battery,
     ConnectionState,
+    ErrorLevel,
     ErrorType,
     OperatingMode,
     Position,
     RejectedError,
+    VehicleError,
     warning,
 )
 from woosh_robot_agent.vda5050.messages.versions import V3_0 as V3
@@ -152,10 +160,29 @@ def test_a_robot_without_position_is_a_fatal_error() -> None:
     (error,) = content["errors"]
     assert (error["errorType"], error["errorLevel"]) == ("LOCALIZATION_ERROR", "FATAL")
     assert content["mobileRobotPosition"]["localized"] is False
-    # on no map, the rejection of an order says so
-    errors = (warning(ErrorType.NOT_AVAILABLE, "no position on a map"),)
-    nowhere = replace(STATE, errors=errors, robot=replace(ROBOT, position=None))
-    assert error_types(state_message(V3, nowhere)) == ["MOBILE_ROBOT_NOT_AVAILABLE"]
+    nowhere = replace(STATE, errors=(), robot=replace(ROBOT, position=None))  # on no map
+    assert error_types(state_message(V3, nowhere)) == ["LOCALIZATION_ERROR"]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_an_interrupted_order_forbids_no_other_order(version: str) -> None:
+    error = VehicleError("interruptedError", ErrorLevel.CRITICAL, "the robot was moved")
+    (written,) = state_message(VERSIONS[version], replace(STATE, errors=(error,)))["errors"]
+    assert written["errorLevel"] == {"2.1": "FATAL", "3.0": "CRITICAL"}[version]
+
+
+@BOTH
+def test_the_health_of_the_battery_is_an_integer(version: Version) -> None:
+    battery = Battery(50.0, charging=False, health=96.6)
+    content = state_message(version, replace(STATE, robot=replace(ROBOT, battery=battery)))
+    health = content[version.name("batteryState")]["batteryHealth"]
+    assert (health, type(health)) == (97, int)
+
+
+@BOTH
+def test_the_factsheet_tells_the_minimum_height(version: Version) -> None:
+    parameters = factsheet_message(version, FACTSHEET)["physicalParameters"]
+    assert parameters[version.name("heightMin")] == FACTSHEET.height
 
 
 @BOTH
@@ -388,12 +415,99 @@ def test_whole_numbers_with_a_decimal_point_are_integers(version: Version) -> No
     assert [type(each) for each in numbers] == [int] * 5
 
 
-async def test_an_order_is_cleared_when_the_robot_loses_its_position(site: Site) -> None:
+@pytest.mark.parametrize("away", [0.0, 3.0], ids=["the same place", "elsewhere"])
+async def test_a_drive_waits_while_the_robot_does_not_know_its_position(
+    site: Site, away: float
+) -> None:
+    """It goes on only if the robot is found where it stopped."""
+
+    def find(simulator: SimulatedChassis) -> None:
+        pose = simulator.chassis.pose
+        simulator.chassis.localise(Pose(pose.x + away, pose.y, pose.theta))
+
     async with site.online(version=V3) as master:
-        nodes = [node("a", 0, *START), node("b", 2, 6.0, -7.0, released=False)]
+        nodes = [node("a", 0, *START), node("b", 2, 9.0, -7.0)]
+        set_speed(site.chassis, 1.0)
         master.order(nodes, _edges(nodes))
-        await master.wait_state(lambda state: state["nodeStates"])
+        await eventually(lambda: site.chassis.state.pose.x > START[0] + 0.3)
         site.chassis.call(lambda simulator: setattr(simulator.chassis.readiness, "located", False))
+        await master.error("LOCALIZATION_ERROR")
+        await eventually(lambda: site.chassis.state.velocity.speed == 0.0)
+        lost = await master.wait_state(lambda state: not state["driving"])
+        assert [each["nodeId"] for each in lost["nodeStates"]] == ["b"]
+        site.chassis.call(find)
+        if away:
+            found = await master.error("INTERRUPTED_ERROR")
+            assert found["nodeStates"]
+            assert site.chassis.state.velocity.speed == 0.0
+        else:
+            set_speed(site.chassis, 20.0)
+            await master.wait_state(lambda state: not state["errors"])
+            master.instant(action("stopPause", "r"))  # the robot has paused its task itself
+            await master.reached("b")
+    assert site.chassis.counts[EXEC] == 1
+
+
+async def test_a_planned_path_is_that_of_the_order(site: Site) -> None:
+    async with site.online(version=V3) as master, site.other_client() as gate:
+        set_speed(site.chassis, 1.0)
+        assert (await gate.request(task_to(9.0, -7.0))).ok
+        await master.wait_state(lambda state: state["driving"])
+        wide = {"a": 9.0, "b": 9.0, "theta": 0.0}
+        nodes = [node("a", 0, *START, allowedDeviationXY=wide), node("b", 2, 4.0, -8.0)]
+        master.order(nodes, _edges(nodes))
+        await master.error("ROBOT_BUSY_ERROR")
+        await eventually(lambda: site.chassis.state.pose.x > START[0] + 1.0)
+        master.instant(action("stateRequest"))
+        await master.wait_state(lambda state: state["instantActionStates"])
+    assert not [each for each in site.recorder.sent("state") if "plannedPath" in each]
+
+
+async def test_a_cancelled_order_that_is_sent_again_is_rejected(site: Site) -> None:
+    async with site.online(version=V3) as master:
+        nodes = [node("a", 0, *START), node("b", 2, 8.0, -7.5, released=False)]
+        master.order(nodes, _edges(nodes))
+        await master.accepted()
+        master.instant(action("cancelOrder", "c"))
+        await master.wait_state(lambda state: not state["nodeStates"])
+        master.order(nodes, _edges(nodes))
+        await master.error("ORDER_UPDATE_FOLLOWING_CANCEL")
+
+
+async def test_errors_last_as_long_as_the_standard_says(site: Site) -> None:
+    async with site.online(version=V3) as master:
+        master.instant(action("fly"), action("stateRequest"))
+        await master.error("INVALID_INSTANT_ACTION")
+        master.instant(action("cancelOrder"))
+        await master.error("NO_ORDER_TO_CANCEL")
+        assert error_types(master.state) == ["NO_ORDER_TO_CANCEL"]
+
+        await master.wait_state(lambda state: state.get("maps"))
+        link = "http://127.0.0.1:1/x.zip"
+        for name, version in (("same", "12"), ("other", "99")):
+            given = {"mapId": "scenex", "mapVersion": version, "mapDownloadLink": link}
+            master.instant(action("downloadMap", name, **given))
+        state = await master.error("ACTION_ERROR")
+        (error,) = [each for each in state["errors"] if each["errorType"] == "DUPLICATE_MAP"]
+        assert references(error) == {
+            "actionId": "same",
+            "actionType": "downloadMap",
+            "mapId": "scenex",
+            "mapVersion": "12",
+        }
+        master.instant(action("enableMap", mapId="nowhere", mapVersion="1"))
+        await master.wait_state(lambda state: "DUPLICATE_MAP" not in error_types(state))
+        master.instant(action("clearInstantActions"))
+        await master.wait_state(lambda state: "ACTION_ERROR" not in error_types(state))
+        assert error_types(master.state) == ["NO_ORDER_TO_CANCEL"]
+
+        nodes = [node("a", 0, *START), node("b", 2, 8.0, -7.5)]
+        set_speed(site.chassis, 1.0)
+        master.order(nodes, _edges(nodes))
+        await master.wait_state(lambda state: state["driving"] and not state["errors"])
+        async with site.other_client() as gate:
+            assert (await gate.request(ActionOrder(order=action_pb2.kCancel))).ok
+        await master.error("NODE_UNREACHABLE")
+        master.instant(action("cancelOrder"))
         state = await master.wait_state(lambda state: not state["nodeStates"])
-        assert state["orderId"] == "order"
-        assert {"INTERRUPTED_ERROR", "LOCALIZATION_ERROR"} <= set(error_types(state))
+        assert error_types(state) == ["NODE_UNREACHABLE"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -54,8 +55,9 @@ _OBSTACLE = Sentence("an obstacle blocks the way of the robot")
 _WAITS = Sentence("the order waits, because {cause}")
 _CHARGES = Sentence("the robot executes its charging task")
 _MODE = Sentence("the operating mode is {mode}")
-_LOST = Sentence("the robot does not know its position any more")
 _CLEARED = Sentence("order {order} was cleared, because {cause}")
+_MAX_ERRORS = 10
+"""Maximum number of errors of orders that were not accepted."""
 PAUSE = "pause"
 """Name of the hold (reason for which the order must not drive) of a paused vehicle."""
 _OTHER_MOTION = (
@@ -89,8 +91,8 @@ class Execution:
         tasks: executes the tasks of actions.
         active: running actions for which other actions may have to wait, by id.
         is_only_connector: False while another connector uses the topics of the vehicle.
-        order_error: why an order was rejected, cleared or lost; None if an order was accepted
-            since.
+        order_errors: why orders were rejected, cleared or lost since the last one was accepted; the
+            oldest are forgotten.
         link_lost_at: time at which the link was lost, by `boot_time`; before the first link, the
             time of creation; inf while there is a link.
     """
@@ -111,7 +113,7 @@ class Execution:
         self.tasks = ActionTasks(link)
         self.active: dict[str, Action] = {}
         self.is_only_connector = True
-        self.order_error: VehicleError | None = None
+        self.order_errors: deque[VehicleError] = deque(maxlen=_MAX_ERRORS)
         self.link_lost_at = boot_time()
         self._refused_speed = ""
         """Reason of a refused speed limit while the drive is cancelled for it; otherwise empty."""
@@ -228,13 +230,6 @@ class Execution:
         """True while an action runs that is of the order, or for which other actions may wait."""
         return self.order.acting or bool(self.active)
 
-    @property
-    def _has_lost_position(self) -> bool:
-        """True if the robot has lost its position, which clears an order in version 3."""
-        if not self.version.is_3 or self.robot.position is None or self._is_located:
-            return False
-        return not self._is_acting  # an action may set the position
-
     def errors(self) -> Iterator[VehicleError]:
         """Yield the error of a lost link, and errors that tell why the order or robot waits."""
         order = self.order.status
@@ -284,8 +279,12 @@ class Execution:
     def update_position(self) -> None:
         """Give the position of the robot to the order; do nothing while it is unknown.
 
+        In version 3, the drive waits meanwhile, also if the robot reports a place that is not sure.
         In mode MANUAL, also forget the last node once the robot has left it.
         """
+        if self.version.is_3 and not self._is_located:
+            self.order.position_lost()
+            return
         if (place := self.robot.position) is None:
             return
         if not self.active and self.link.ready and place.initialised:
@@ -299,11 +298,10 @@ class Execution:
             self.order.forget_left_node()
 
     def clear_forbidden_order(self) -> None:
-        """Clear the order if the mode of the robot, or the loss of its position, forbids one.
+        """Clear the order if the mode of the robot forbids one.
 
-        If the mode forbids it, also cancel what was started before a restart, and forget the last
-        node. In mode MANUAL, the robot may still stand on that node; `update_position` forgets it
-        once the robot has left it.
+        Also cancel what was started before a restart, and forget the last node. In mode MANUAL, the
+        robot may still stand on that node; `update_position` forgets it once the robot has left it.
         """
         if self.robot.status is not None and not self.robot.is_automatic:
             mode = self.robot.status.mode
@@ -312,8 +310,6 @@ class Execution:
             # a busy order needs its last node until it has ended
             if mode is not OperatingMode.MANUAL and not self.order.busy:
                 self.order.set_last_node("")
-        elif self._has_lost_position:
-            self._clear(_LOST(), "initialise it, and send a new order")
 
     def set_pause_wanted(self, wanted: bool) -> None:
         """Pause or resume the order and all actions; idempotent."""
@@ -347,6 +343,19 @@ class Execution:
                 self.order.interrupt(action.id, reason)
         self.instant.failed(action, reason, kind)
 
+    def report_order_error(self, error: VehicleError) -> None:
+        """Report why an order was rejected, cleared or lost, unless it is reported already."""
+        if error not in self.order_errors:
+            self.order_errors.append(error)
+
+    def cancel_order(self) -> None:
+        """Begin to cancel the order for the master control."""
+        error = self.order.error
+        # in version 3, the cause for which a node was not reached is reported until a new order
+        if self.version.is_3 and error is not None and error.type == ErrorType.DRIVING.value:
+            self.report_order_error(error)
+        self.order.cancel()
+
     def _clear(self, cause: str, hint: str) -> None:
         """Cancel the order, and report the cause; without an order to cancel, do nothing."""
         if not self.order.busy or self.order.canceling:
@@ -354,7 +363,8 @@ class Execution:
         order_id = self.order.order_id
         reason = _CLEARED(order=order_id, cause=cause)
         _LOG.warning("%s", reason)
-        self.order_error = warning(ErrorType.INTERRUPTED, reason, hint, orderId=order_id)
+        error = warning(ErrorType.INTERRUPTED, reason, hint, orderId=order_id)
+        self.report_order_error(error)
         self.order.cancel(reason)
 
     def _speed_refused(self, reason: str) -> None:
@@ -409,7 +419,7 @@ class Execution:
                     self.drive.want(command)
         self.speed.limit(self.order.speed_limit)
 
-    def _take_instant(self) -> list[Perform]:
+    def _take_instant(self) -> list[Perform | EndAction]:
         commands, self.instant.commands = self.instant.commands, []
         return commands
 

@@ -224,8 +224,6 @@ _LOG = logging.getLogger(__name__)
 class Intake:
     """Accepts or rejects the messages of the master control, and hands them to the execution.
 
-    Each topic has one method, which returns False if the state of the vehicle has not changed.
-
     Attributes:
         identity: manufacturer and serial number of the vehicle; set it before the first message.
         message_error: why the last message with instant actions or zones was rejected; None if it
@@ -244,43 +242,45 @@ class Intake:
         None before the first."""
         self.message_error: VehicleError | None = None
 
-    def take_order(self, payload: bytes) -> bool:
-        """Accept or reject an order; return False if the vehicle has the order already."""
-        execution = self._execution
-        if payload == self._payload:  # not parsed: a master control may repeat a large order often
-            return False
+    def take_order(self, payload: bytes) -> None:
+        """Accept or reject an order; ignore one that the vehicle has already."""
+        execution, is_3 = self._execution, self._version.is_3
+        may_repeat = not execution.order.is_cancelled  # otherwise, version 3 demands an error
+        # not parsed: a master control may repeat a large order often
+        if may_repeat and payload == self._payload:
+            return
         try:
             received = read_order(payload, self._version, self.identity)
-            if received == self._order:
-                return False
+            if may_repeat and received == self._order:
+                return
             here = execution.robot.position
             map_id = "" if here is None else here.map_id
             order = with_marks(received, map_id, execution.maps.find_mark)
-            kind = execution.order.receive(order, self._check)
+            kind = execution.order.receive(order, self._check, is_3=is_3)
         except RejectedError as rejected:
             self._log.warn(f"order: {rejected}", f"an order was rejected: {rejected}")
-            execution.order_error = rejected.error
-            return True
+            execution.report_order_error(rejected.error)
+            return
         if kind is OrderKind.KNOWN:
-            return False
+            key = f"{order.id}, update {order.update_id}"
+            self._log.warn(key, f"order {one_line(key)} was received again, and ignored")
+            return
         _LOG.info("order %s, update %d accepted", one_line(order.id), order.update_id)
         self._log.clear()
-        execution.order_error = None
+        execution.order_errors.clear()
         self._payload, self._order = payload, received
         if kind is OrderKind.NEW:
             self.message_error = None
-            if self._version.is_3:  # ended instant actions stay until clearInstantActions
-                execution.instant.errors.clear()
-            else:
+            if not is_3:  # in version 3, ended instant actions stay until clearInstantActions
                 execution.instant.forget_ended()
-        return True
+            execution.instant.errors.clear()
 
-    def take_stops(self, payload: bytes) -> bool:
-        """Accept or reject instant actions, but ignore those that do not stop; return True."""
-        return self.take_instant_actions(payload, {START_PAUSE, CANCEL_ORDER})
+    def take_stops(self, payload: bytes) -> None:
+        """Accept or reject instant actions, but ignore those that do not stop."""
+        self.take_instant_actions(payload, {START_PAUSE, CANCEL_ORDER})
 
-    def take_instant_actions(self, payload: bytes, only: Set[str] | None = None) -> bool:
-        """Accept or reject instant actions; return True.
+    def take_instant_actions(self, payload: bytes, only: Set[str] | None = None) -> None:
+        """Accept or reject instant actions.
 
         Args:
             payload: the message.
@@ -294,16 +294,18 @@ class Intake:
         else:
             self.message_error = None
             kept = [each for each in actions if only is None or each.type in only]
-            self._execution.instant.receive(kept)
-        return True
+            instant = self._execution.instant
+            former = tuple(instant.errors)
+            accepted = instant.receive(kept)
+            if self._version.is_3:
+                instant.end_errors(former, accepted)
 
-    def refuse_zone_set(self, payload: bytes) -> bool:
-        """Refuse a zone set, because the robot takes no zones; return True."""
+    def refuse_zone_set(self, payload: bytes) -> None:
+        """Refuse a zone set, because the robot takes no zones."""
         error = refusal_of_zone_set(payload, self._version, self.identity)
         reason = error.description
         self._log.warn(f"zones: {reason}", f"a zone set was refused: {reason}")
         self.message_error = error
-        return True
 
     def _check(self, order: Order) -> None:
         """Check an order against what the vehicle can do now.

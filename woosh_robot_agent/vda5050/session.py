@@ -180,14 +180,13 @@ class Session:
     Args:
         identity: manufacturer and serial number in the topics.
         reports: messages of the vehicle, which are published over this session.
-        handlers: called with the payload of each message of the master control, by topic; they
-            return False if nothing has changed. Topics that the version does not have are ignored.
+        handlers: called with the payload of each message of the master control, by topic. Topics
+            that the version does not have are ignored.
         take_stops: the handler of instant actions that came while this program stood still.
         on_restored: called before connecting to the broker, with the content of the state file, and
             with an error if the file was damaged, otherwise with None.
         wait_until_able: awaited before connecting to the broker; waits until orders can be taken.
-        on_changed: called after a message that has changed something, and when another connector
-            appears or disappears.
+        on_changed: called after each message, and when another connector appears or disappears.
     """
 
     def __init__(
@@ -196,8 +195,8 @@ class Session:
         broker: BrokerConfig,
         identity: Identity,
         reports: Reports,
-        handlers: Mapping[Topic, Callable[[bytes], bool]],
-        take_stops: Callable[[bytes], bool],
+        handlers: Mapping[Topic, Callable[[bytes], None]],
+        take_stops: Callable[[bytes], None],
         on_restored: Callable[[Record, VehicleError | None], None],
         wait_until_able: Callable[[], Awaitable[None]],
         on_changed: Callable[[], None],
@@ -316,7 +315,7 @@ class Session:
             await asyncio.sleep(_RETRY)
 
     def _handle(
-        self, topic: Topic, handler: Callable[[bytes], bool], payload: bytes, retained: bool
+        self, topic: Topic, handler: Callable[[bytes], None], payload: bytes, retained: bool
     ) -> None:
         """Pass a message to its handler; ignore a retained one, which may be of any age."""
         if retained:
@@ -325,7 +324,8 @@ class Session:
                 f"a retained message on {topic.value} was ignored; remove it from the broker, "
                 "and send such messages without the retain flag",
             )
-        elif handler(payload):
+        else:
+            handler(payload)
             self._on_changed()
 
     def _connected(self) -> None:

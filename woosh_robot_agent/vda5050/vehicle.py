@@ -132,13 +132,16 @@ class Vehicle:
         """
         execution, info = self._execution, self._reported.info
         assert info is not None  # the session begins after the first report
-        execution.order_error = damage
+        if damage is not None:
+            execution.report_order_error(damage)
         former = RobotIdentity(record.robot_id, record.serial_number)
         if former.differs_from(self._robot_identity):
             if record.order.is_unfinished:
                 reason = _DROPPED(order=record.order.order_id, robot=str(former))
                 _LOG.error("%s; now %s answers", reason, self._robot_identity)
-                execution.order_error = warning(ErrorType.INTERRUPTED, reason, "send a new order")
+                execution.report_order_error(
+                    warning(ErrorType.INTERRUPTED, reason, "send a new order")
+                )
             return
         self._is_updating = True  # nothing is saved or sent before everything is restored
         execution.speed.restore(record.speed_is_limited)
@@ -261,8 +264,10 @@ class Vehicle:
             return None
         if not self._link.ready:
             robot = replace(robot, velocity=None)  # the last one may not hold any more
+        if not execution.order.driving:
+            robot = replace(robot, path=())  # of a task that is not of the order
         errors = (
-            execution.order_error,
+            *execution.order_errors,
             self._intake.message_error,
             *execution.order.errors,
             *execution.instant.errors,

@@ -22,7 +22,7 @@ from woosh_robot_agent.vda5050.actions.performing import (
     Run,
     vehicle_action,
 )
-from woosh_robot_agent.vda5050.messages.factsheet import ParameterType
+from woosh_robot_agent.vda5050.messages.factsheet import NOT_EMPTY, ParameterType
 from woosh_robot_agent.vda5050.messages.state import NO_STATE, ActionFailedError, ErrorType
 from woosh_robot_agent.vda5050.orders.instant import CANCEL_ORDER, START_PAUSE, STOP_PAUSE
 from woosh_robot_agent.vda5050.orders.legs import Control
@@ -91,12 +91,23 @@ async def stop_pause(run: Run) -> None:
     CANCEL_ORDER,
     INSTANT,
     "stop, and cancel the order",
-    ParameterType("orderId", "STRING", "order to cancel; any order if missing", optional=True),
+    ParameterType(
+        "orderId",
+        "STRING",
+        "order to cancel; any order if missing",
+        optional=True,
+        valid=bool,
+        must_be=NOT_EMPTY,
+    ),
     repeatable=True,
 )
 async def cancel_order(run: Run) -> None:
-    """Cancel the current order, wait until everything has stopped, and empty the order."""
+    """Cancel the current order, wait until everything has stopped, and empty the order.
+
+    The instant actions that came before are cancelled, too, for they may move the robot.
+    """
     execution, order = run.execution, run.execution.order
+    instant = execution.instant
     # after a last action whose end is unknown, only the error is left of the order
     if not (order.busy or order.error or execution.has_leftovers):
         raise ActionFailedError(_NO_ORDER(), ErrorType.NO_ORDER_TO_CANCEL)
@@ -106,11 +117,14 @@ async def cancel_order(run: Run) -> None:
             ErrorType.NO_ORDER_TO_CANCEL,
         )
     if not order.canceling:
-        order.cancel()
+        execution.cancel_order()
+    instant.cancel_before(run.action.id)
     execution.cancel_leftovers()
     run.link.changed()  # sends the cancellation to the robot
 
     def is_done() -> bool:
+        if instant.unfinished_before(run.action.id):
+            return False
         if not order.canceling:  # another cancelOrder has emptied the order
             return True
         return order.has_ended and not execution.has_own_motion and not execution.has_leftovers

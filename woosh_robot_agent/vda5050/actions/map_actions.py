@@ -24,7 +24,7 @@ from woosh_robot_agent.vda5050.actions.performing import (
     vehicle_action,
 )
 from woosh_robot_agent.vda5050.execution import Execution
-from woosh_robot_agent.vda5050.messages.factsheet import STANDSTILL, ParameterType
+from woosh_robot_agent.vda5050.messages.factsheet import NOT_EMPTY, STANDSTILL, ParameterType
 from woosh_robot_agent.vda5050.messages.state import ActionFailedError, ActionStatus, ErrorType
 from woosh_robot_agent.vda5050.robot.maps import StoredMap
 
@@ -168,7 +168,7 @@ def _inner_path(name: str) -> str:
 _TIMEOUT = 10.0
 """Maximum time from the acceptance of a new map or position until the robot reports it, in
 seconds."""
-_MAP_ID = ParameterType("mapId", "STRING", "name of the map")
+_MAP_ID = ParameterType("mapId", "STRING", "name of the map", valid=bool, must_be=NOT_EMPTY)
 _MAP_VERSION = ParameterType("mapVersion", "STRING", "version of the map")
 
 
@@ -214,7 +214,9 @@ _POSITION = (
     ParameterType("y", "FLOAT", "position in the map, in m"),
     ParameterType("theta", "FLOAT", "heading, in rad"),
     _MAP_ID,
-    ParameterType("lastNodeId", "STRING", "node on which the vehicle stands", optional=True),
+    ParameterType(
+        "lastNodeId", "STRING", "node on which the vehicle stands; empty for none", optional=True
+    ),
 )
 
 
@@ -312,7 +314,9 @@ async def _download(run: Run) -> None:
     name, version = given["mapId"], given["mapVersion"]
     await _read_list(run.execution)
     if maps.find(name) or maps.of_scene(name):
-        raise ActionFailedError(_EXISTS(map=name), ErrorType.DUPLICATE_MAP)
+        is_same = bool(maps.find(name, version))
+        kind = ErrorType.DUPLICATE_MAP if is_same else ErrorType.ACTION
+        raise ActionFailedError(_EXISTS(map=name), kind)
     run.report(ActionStatus.RUNNING)
     data = await fetch(given["mapDownloadLink"], given.get("mapHash", ""))
     files = await asyncio.to_thread(unpack, data)  # takes too long for the event loop

@@ -28,6 +28,7 @@ from woosh_robot_agent.vda5050.actions.performing import (
     vehicle_action,
 )
 from woosh_robot_agent.vda5050.messages.factsheet import (
+    NOT_EMPTY,
     STANDSTILL,
     ParameterType,
     choice,
@@ -54,6 +55,8 @@ _CHARGE_TIMEOUT = 30.0
         "STRING",
         f"number of the charger's mark, within {REACH:g} m; without it, the nearest one",
         optional=True,
+        valid=bool,
+        must_be=NOT_EMPTY,
     ),
     blocking=STANDSTILL,
     pausable=True,
@@ -135,6 +138,8 @@ _LOAD_PARAMETERS = (
         f"number of the mark at which the robot docks, at most {REACH:g} m away; without it, the "
         "lift moves where the robot stands",
         optional=True,
+        valid=bool,
+        must_be=NOT_EMPTY,
     ),
     ParameterType("stationType", "STRING", "accepted, but not used", optional=True),
     ParameterType("loadType", "STRING", "accepted, but not used", optional=True),
@@ -267,7 +272,7 @@ async def _step(run: Run, mode: StepControl.Step.Mode, value: float) -> str:
     "speak",
     ANYWHERE,
     "say a text; the action ends when the robot begins to speak",
-    ParameterType("text", "STRING", "text to say"),
+    ParameterType("text", "STRING", "text to say", valid=bool, must_be=NOT_EMPTY),
 )
 async def speak(run: Run) -> None:
     """Say a text."""

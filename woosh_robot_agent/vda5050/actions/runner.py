@@ -106,9 +106,14 @@ class ActionRunner:
             self.poll()  # now: the next command may be the drive away from its node
 
     def _end(self, action: Action, reason: str) -> None:
-        """End an action, which fails for this reason unless it has ended by itself before."""
+        """End an action, which fails for this reason unless it has ended by itself before.
+
+        An action that moves nothing cannot be interrupted once it runs, and ends by itself.
+        """
         if self._waiting.pop(action.id, None) is not None:
             self._execution.action_changed(action.id, ActionStatus.FAILED, reason)
+        elif not ACTIONS[action.type].type.pausable:
+            return
         elif action.id in self._tasks and action.id not in self._end_reasons:
             # once: a second cancellation would end the wait for the robot's end of the action
             self._end_reasons[action.id] = reason

@@ -42,7 +42,8 @@ class Objection:
 
 _OR = Sentence("{one} or {other}")
 _FINITE = Sentence("a finite number")()
-_NOT_EMPTY = Sentence("a text that is not empty")()
+_TEXT = Sentence("a text")()
+NOT_EMPTY = Sentence("a text that is not empty")()
 _TRUTH = Sentence("true or false")()
 _AT_LEAST = Sentence("at least {least}")
 _WITHIN = Sentence("within {least} to {greatest}")
@@ -62,7 +63,7 @@ def _is_number(value: Any) -> bool:
 
 _DATA_TYPES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "FLOAT": (_is_number, _FINITE),
-    "STRING": (lambda value: isinstance(value, str) and bool(value), _NOT_EMPTY),
+    "STRING": (lambda value: isinstance(value, str), _TEXT),
     "BOOL": (lambda value: isinstance(value, bool), _TRUTH),
 }
 """Check of a value, and description of the valid values, by data type."""
@@ -121,7 +122,8 @@ class ActionType:
         scopes: where the action may be requested.
         result: meaning of the result; empty for an action without a result.
         blocking: blocking types that the action may have on nodes and edges.
-        pausable: True if the action moves something, so that it is paused with the vehicle.
+        pausable: True if the action moves something, so that it is paused with the vehicle, and can
+            be ended before its end.
         repeatable: True if an instant action may repeat the id of an instant action that has ended.
     """
 
@@ -133,6 +135,11 @@ class ActionType:
     blocking: frozenset[BlockingType] = frozenset(BlockingType)
     pausable: bool = False
     repeatable: bool = False
+
+    @property
+    def controls_vehicle(self) -> bool:
+        """True if the action controls the vehicle itself, and waits for no other action."""
+        return self.scopes == {Scope.INSTANT}
 
 
 ActionTypes: TypeAlias = Mapping[str, ActionType]

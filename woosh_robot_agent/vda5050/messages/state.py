@@ -27,6 +27,8 @@ class ErrorLevel(Enum):
 
     WARNING = "WARNING"
     """The vehicle goes on."""
+    CRITICAL = "CRITICAL"
+    """The vehicle cannot go on with its order, but can take a new one."""
     FATAL = "FATAL"
     """The vehicle cannot go on without help."""
 

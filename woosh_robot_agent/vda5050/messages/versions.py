@@ -100,9 +100,9 @@ class Version:
         """True for version 3.
 
         In version 3, an update of an order that the vehicle does not have is rejected, the states
-        of instant actions stay in the state after a new order, until `clearInstantActions`, and an
-        order is cleared when the robot does not know its position any more. For the differences
-        between messages see `reading` and `writing`.
+        of instant actions stay in the state after a new order, until `clearInstantActions`, and a
+        drive is paused while the robot does not know its position. For the differences between
+        messages see `reading` and `writing`.
         """
         return self.number.startswith("3.")
 
@@ -133,7 +133,7 @@ V2_1 = Version(
         "orientation",
         "rotationAllowed",
     ),
-    values={"PAUSED": "RUNNING"},  # the 2.1 state schema has no PAUSED
+    values={"PAUSED": "RUNNING", "CRITICAL": "FATAL"},  # its schema lacks these
     error_types={
         ErrorType.UNSUPPORTED_PARAMETER: "orderError",
         ErrorType.ORDER_ACTION: "orderError",
@@ -179,6 +179,7 @@ V3_0 = Version(
         "agvKinematic": "mobileRobotKinematics",
         "decelerationMax": "maximumDeceleration",
         "heightMax": "maximumHeight",
+        "heightMin": "minimumHeight",
         "idLen": "maximumIdLength",
         "maxArrayLens": "maximumArrayLengths",
         "maxLoadMass": "maximumLoadMass",

@@ -77,7 +77,7 @@ def state_message(version: Version, state: VehicleState) -> Fields:
         "driving": robot.driving,
         "paused": state.paused,
         "newBaseRequest": order.new_base_request,
-        "batteryState": _battery(version, robot.battery),
+        "batteryState": _battery(robot.battery),
         "operatingMode": version.value(robot.mode.value),
         "errors": [_error(version, each) for each in _errors(version, state)],
         "safetyState": {
@@ -140,6 +140,7 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
             "speedMax": _MAX_SPEED,
             "accelerationMax": _MAX_ACCELERATION,
             "decelerationMax": _MAX_ACCELERATION,
+            "heightMin": factsheet.height,
             "heightMax": factsheet.height,
             "width": factsheet.width,
             "length": factsheet.length,
@@ -182,7 +183,6 @@ def factsheet_message(version: Version, factsheet: Factsheet) -> Fields:
         specification["supportedZones"] = []  # the vehicle takes no zones
         # besides `mobileRobotKinematics`, the new name of `agvKinematic`, the schema requires:
         specification["mobileRobotKinematic"] = kinematics
-        message["physicalParameters"]["minimumHeight"] = factsheet.height
     # `actionDescription` has another name in the other messages of version 3, but not here
     names = {old: new for old, new in version.names.items() if old != "actionDescription"}
     return _renamed(message, names)
@@ -257,10 +257,10 @@ def _action_state(version: Version, action: ActionState) -> Fields:
     return {"actionId": action.id, "actionStatus": status} | _without_empty(optional)
 
 
-def _battery(version: Version, battery: Battery) -> Fields:
+def _battery(battery: Battery) -> Fields:
     state: Fields = {"batteryCharge": battery.charge, "charging": battery.charging}
-    if battery.health is not None:  # in version 3 an integer
-        state["batteryHealth"] = round(battery.health) if version.is_3 else battery.health
+    if battery.health is not None:
+        state["batteryHealth"] = round(battery.health)
     return state
 
 
@@ -290,9 +290,9 @@ def _errors(version: Version, state: VehicleState) -> Iterable[VehicleError]:
     if not version.is_3:
         return state.errors
     place = state.robot.position
-    if place is not None and not place.initialised:
+    if place is None or not place.initialised:
         return (*state.errors, _NOT_LOCALIZED)
-    if place is None or state.robot.mode is not OperatingMode.AUTOMATIC:
+    if state.robot.mode is not OperatingMode.AUTOMATIC:
         return state.errors
     # the mode or position for which an order was rejected has changed, and so its error has ended
     return [each for each in state.errors if each.type != ErrorType.NOT_AVAILABLE]
@@ -316,7 +316,7 @@ def _error(version: Version, error: VehicleError) -> Fields:
     return _without_empty(
         {
             "errorType": kind,
-            "errorLevel": version.error_levels.get(kind, error.level.value),
+            "errorLevel": version.error_levels.get(kind, version.value(error.level.value)),
             "errorDescription": description,
             "errorHint": hint,
             "errorReferences": [
@@ -341,7 +341,8 @@ def _action_type(version: Version, action: ActionType) -> Fields:
     if version.is_3:  # in version 2.1 no list of blocking types fits the published schema
         message["blockingTypes"] = sorted(each.value for each in action.blocking)
         # the published schema demands texts, although the text of the standard says Boolean
-        message |= {"pauseAllowed": str(action.pausable).lower(), "cancelAllowed": "true"}
+        pausable = str(action.pausable).lower()
+        message |= {"pauseAllowed": pausable, "cancelAllowed": pausable}
     return _without_empty(message)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
+from itertools import takewhile
 
 from woosh_robot_agent.sentences import Sentence
 from woosh_robot_agent.vda5050.messages.factsheet import (
@@ -22,11 +23,12 @@ from woosh_robot_agent.vda5050.messages.state import (
     VehicleError,
     warning,
 )
-from woosh_robot_agent.vda5050.orders.legs import Perform
+from woosh_robot_agent.vda5050.orders.legs import EndAction, Perform
 from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 
 START_PAUSE, STOP_PAUSE, CANCEL_ORDER = "startPause", "stopPause", "cancelOrder"
 """Names of actions for which special rules apply in `orders` or `execution`."""
+_MAP_ACTIONS = frozenset({"enableMap", "downloadMap", "deleteMap"})
 _MAX_STATES = 200
 """Maximum number of instant actions in the state. If there are more, the oldest ended actions are
 forgotten; a new action fails if as many actions still run."""
@@ -56,7 +58,7 @@ class InstantActions:
         order: the current order, which must not drive while an instant action forbids driving.
 
     Attributes:
-        commands: commands that start actions; `Execution` takes them.
+        commands: commands that start or end actions; `Execution` takes them.
         last_motion: id of the last instant action that moves something; empty if there was none
             since the start of the program.
         errors: the last errors of refused instant actions, and of all actions that failed.
@@ -69,7 +71,7 @@ class InstantActions:
         """The instant actions in the state, by id."""
         self._known: dict[str, None] = {}
         """Ids of the last instant actions, the oldest first; a dict serves as an ordered set."""
-        self.commands: list[Perform] = []
+        self.commands: list[Perform | EndAction] = []
         self._pause_again: dict[str, Action] = {}
         """Repeated startPause actions, by id: they came while a startPause with the same id was
         running, and are received again when that one has ended."""
@@ -100,8 +102,31 @@ class InstantActions:
         """
         return {key for key, state in self._states.items() if ended or not state.status.ended}
 
-    def receive(self, actions: Sequence[Action]) -> None:
-        """Begin instant actions; refuse those that are impossible or reuse an id wrongly."""
+    def unfinished_before(self, action_id: str) -> list[ActionState]:
+        """Return the actions that came before another one and have not ended.
+
+        Those that control the vehicle itself, e.g. pauses, are left out.
+        """
+        earlier = takewhile(lambda state: state.id != action_id, self._states.values())
+        return [
+            state
+            for state in earlier
+            if not state.status.ended and not self._types[state.type].controls_vehicle
+        ]
+
+    def cancel_before(self, action_id: str) -> None:
+        """Add commands to end the actions of `unfinished_before`."""
+        for state in self.unfinished_before(action_id):
+            action = Action(state.id, state.type)
+            self.commands.append(EndAction(action, "the order was cancelled"))
+
+    def receive(self, actions: Sequence[Action]) -> set[str]:
+        """Begin instant actions; refuse those that are impossible or reuse an id wrongly.
+
+        Returns:
+            The types of the actions that were not refused.
+        """
+        accepted: set[str] = set()
         for action in actions:
             if action.type == STOP_PAUSE:  # also ends the repeated pauses that wait for their start
                 self._pause_again.clear()
@@ -126,7 +151,9 @@ class InstantActions:
                 self.changed(action.id, ActionStatus.FAILED, objection.reason)
             else:
                 self._start(action, self._types[action.type])
+                accepted.add(action.type)
         self._forget_oldest()
+        return accepted
 
     def restore(self, states: Sequence[ActionState], known_ids: Sequence[str]) -> None:
         """Restore the states after a restart; the order must have been restored before.
@@ -169,12 +196,32 @@ class InstantActions:
 
     def failed(self, action: Action, reason: str, kind: ErrorType) -> None:
         """Report the error of a failed action, which may also be one of the order."""
-        self._add_error(warning(kind, reason, actionId=action.id, actionType=action.type))
+        keys = ("mapId", "mapVersion") if kind is ErrorType.DUPLICATE_MAP else ()
+        references = {key: action.parameters[key] for key in keys}
+        self._add_error(
+            warning(kind, reason, actionId=action.id, actionType=action.type, **references)
+        )
 
     def forget_ended(self) -> None:
-        """Forget the actions that have ended, and all errors."""
+        """Forget the actions that have ended, and the errors except those that a new order ends."""
         self._states = {key: state for key, state in self._states.items() if not state.status.ended}
-        self.errors.clear()
+        kept = ErrorType.NO_ORDER_TO_CANCEL.value
+        former, self.errors = self.errors, deque(maxlen=_MAX_ERRORS)
+        self.errors += [each for each in former if each.type == kept]
+
+    def end_errors(self, former: Iterable[VehicleError], accepted: Set[str]) -> None:
+        """Forget errors that end when actions are accepted, as version 3 demands.
+
+        Args:
+            former: the errors that were reported before.
+            accepted: types of the accepted actions.
+        """
+        ended = {ErrorType.INSTANT_ACTION.value} if accepted else set()
+        if not accepted.isdisjoint(_MAP_ACTIONS):
+            ended.add(ErrorType.DUPLICATE_MAP.value)
+        for error in former:
+            if error.type in ended and error in self.errors:
+                self.errors.remove(error)
 
     def _is_too_many(self, action_type: str) -> bool:
         """Return True if too many actions run, now that an action of this type is among them.
@@ -189,8 +236,7 @@ class InstantActions:
 
     def _start(self, action: Action, kind: ActionType) -> None:
         """Add the command to perform an action; hold the order if the action forbids driving."""
-        if kind.scopes == {Scope.INSTANT}:
-            # the action controls the vehicle itself, so it ignores its blockingType
+        if kind.controls_vehicle:  # it ignores its blockingType
             self.commands.append(Perform(action, at_once=True))
             return
         if kind.pausable:

@@ -27,7 +27,7 @@ from woosh_robot_agent.vda5050.orders.legs import (
     next_leg,
     speed_limit,
 )
-from woosh_robot_agent.vda5050.orders.reach import Route, in_sequence
+from woosh_robot_agent.vda5050.orders.reach import Route, distance, in_sequence
 from woosh_robot_agent.vda5050.orders.structure import (
     OrderKind,
     check_action_ids,
@@ -40,7 +40,12 @@ _RESTARTED = Sentence("the connector was restarted while the action ran")()
 _OTHER_MAP = Sentence("the vehicle waits before node {node}: it is on map {map}")
 _NOT_REACHED = Sentence("the robot did not reach node {node}: {reason}")
 _MOVED = Sentence("the robot was moved away from node {node}")
+_LOST = Sentence("the robot lost its position, and found it elsewhere")
 _FAR = Sentence("the trajectory of edge {edge} begins {distance} m away")
+_NO_POSITION = "position"
+"""Name of the hold of a vehicle that does not know its position."""
+_MAX_COAST = 2.0
+"""Maximum way on which the vehicle stops when it has lost its position, in metres."""
 _MAX_APPROACH = 0.5
 """Maximum distance to the start of a trajectory from which the vehicle drives there, in metres."""
 
@@ -102,6 +107,7 @@ class OrderMachine:
         error: why the order can only be cancelled; None while it can go on.
         canceling: True while the order is being cancelled, i.e. until its drive and actions have
             ended, and `empty` is called.
+        is_cancelled: True once the order was cancelled; it stays True when `canceling` ends.
     """
 
     def __init__(self) -> None:
@@ -111,11 +117,12 @@ class OrderMachine:
         self._order: Order | None = None
         """The order or update that was taken last."""
         self.canceling = False
-        self._is_cancelled = False
-        """True once the order was cancelled; it stays True when `canceling` ends."""
+        self.is_cancelled = False
         self.holds: set[str] = set()
         self._is_drive_paused: bool | None = False
         """True if the last command about the drive was a pause; None if unknown after a restart."""
+        self._lost_at: Position | None = None
+        """Last position when `position_lost` was called; None if unknown after a restart."""
 
     # Properties of the order
 
@@ -235,13 +242,18 @@ class OrderMachine:
     # Events
 
     def receive(
-        self, order: Order, check: Callable[[Order], None] = lambda order: None
+        self,
+        order: Order,
+        check: Callable[[Order], None] = lambda order: None,
+        *,
+        is_3: bool = True,
     ) -> OrderKind:
         """Take an order or an update, and return its kind.
 
         Args:
             check: called with an order that is not known yet; raises a RejectedError if the vehicle
                 cannot perform it.
+            is_3: True for the rules of version 3, see `classify`.
 
         Raises:
             RejectedError: the vehicle cannot take the order; nothing has changed.
@@ -250,7 +262,8 @@ class OrderMachine:
             order,
             self._order,
             busy=self.busy,
-            cancelled=self._is_cancelled,
+            cancelled=self.is_cancelled,
+            is_3=is_3,
             decision_point=self._decision_point,
         )
         if kind is OrderKind.KNOWN:
@@ -265,7 +278,7 @@ class OrderMachine:
         if kind is OrderKind.NEW:
             check_start(order, self.route.stands_on)
             self.error = None
-            self._is_cancelled = False
+            self.is_cancelled = False
             self._actions.clear()
             self._actions.add(in_sequence(order.nodes, order.edges))
             self.route.begin(order)
@@ -306,6 +319,22 @@ class OrderMachine:
         self.route.moved(
             position, by_action=by_action, confirmed=confirmed, passes=not self.canceling
         )
+        if _NO_POSITION in self.holds:
+            self._position_found(position)
+
+    def position_lost(self) -> None:
+        """Hold the drive until the next `moved`: the vehicle does not know its position."""
+        if _NO_POSITION not in self.holds:
+            self._lost_at = self.route.position
+            self.holds.add(_NO_POSITION)
+
+    def _position_found(self, position: Position) -> None:
+        """Let a drive go on if the vehicle is where it lost its position; else set `error`."""
+        self.holds.discard(_NO_POSITION)
+        if not self.driving or self.canceling or self.error is not None:
+            return
+        if distance(self._lost_at, position) > _MAX_COAST:
+            self.error = self._fatal_error(ErrorType.INTERRUPTED, _LOST())
 
     def drive_ended(self, reason: str = "") -> None:
         """Take note that the drive has ended.
@@ -343,7 +372,7 @@ class OrderMachine:
         Args:
             reason: result of the actions that fail because of the cancellation.
         """
-        self.canceling = self._is_cancelled = True
+        self.canceling = self.is_cancelled = True
         self.error = None
         self._actions.cancel(reason)
         if self.driving:
@@ -393,7 +422,7 @@ class OrderMachine:
             leg_length=0 if leg is None else route.nodes.index(leg.goal) + 1,
             actions=self._actions.memory,
             canceling=self.canceling,
-            cancelled=self._is_cancelled,
+            cancelled=self.is_cancelled,
             holds=tuple(sorted(self.holds)),
             error=self.error,
         )
@@ -414,7 +443,7 @@ class OrderMachine:
         self._actions.restore(memory.actions)
         if length := memory.leg_length:
             route.leg = Leg(memory.edges[:length], memory.nodes[:length])
-        self._is_cancelled = memory.cancelled
+        self.is_cancelled = memory.cancelled
         self.holds = set(memory.holds)
         self.error = memory.error
         self._is_drive_paused = None if self.held else False
@@ -464,7 +493,7 @@ class OrderMachine:
         """Return the error of an order that cannot go on."""
         return VehicleError(
             kind.value,
-            ErrorLevel.FATAL,
+            ErrorLevel.CRITICAL,
             reason,
             "remove the cause, then cancel the order with cancelOrder and send a new one",
             (("orderId", self.order_id), *references),
@@ -501,10 +530,10 @@ class OrderMachine:
                 return False
         if leg.edges[0].trajectory is None and route.reach_in_place(leg.nodes[0]):
             return True
-        if (distance := route.distance_to_trajectory(leg)) > _MAX_APPROACH:
+        if (gap := route.distance_to_trajectory(leg)) > _MAX_APPROACH:
             self.error = self._fatal_error(
                 ErrorType.DRIVING,
-                _FAR(edge=leg.edges[0].id, distance=f"{distance:.1f}"),
+                _FAR(edge=leg.edges[0].id, distance=f"{gap:.1f}"),
                 ("nodeId", leg.nodes[0].id),
                 ("edgeId", leg.edges[0].id),
             )

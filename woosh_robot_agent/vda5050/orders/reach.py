@@ -193,12 +193,12 @@ class Route:
         The first position of a confirmed drive ends `_is_unconfirmed`.
         """
         start = None if self._is_unconfirmed else last
-        step = estimated_step = _distance(start, now)
+        step = estimated_step = distance(start, now)
         if step > _MAX_STEP:  # a jump, or `start` is unknown
             start, step, estimated_step = None, 0.0, 0.0
         if self._is_unconfirmed and self.leg is not None and confirmed:
             # the way driven without a link: at least the straight line, perhaps a detour
-            gap = _distance(self._position_at_loss, now)
+            gap = distance(self._position_at_loss, now)
             step = gap if math.isfinite(gap) else 0.0
             estimated_step = step * _UNSEEN_DETOUR
             self._is_unconfirmed = False
@@ -256,7 +256,7 @@ class Route:
         """
         if self._move_start is None:
             return False
-        return _distance(self.position, place) >= _distance(self._move_start, place)
+        return distance(self.position, place) >= distance(self._move_start, place)
 
     def _reach(self, *, passing: bool = False) -> None:
         """Leave the current edge, if any, and reach the next node.
@@ -288,7 +288,7 @@ class Route:
         radius = place.deviation_xy
         if place.ellipse is not None:
             radius = max(place.ellipse.a, place.ellipse.b)
-        return _distance(here, place) > max(radius, _TOLERANCE) + _MAX_STEP
+        return distance(here, place) > max(radius, _TOLERANCE) + _MAX_STEP
 
     # The leg, and the place of the vehicle
 
@@ -314,7 +314,7 @@ class Route:
         last = self.last_node
         if last is not None and self.stands_on(last):
             return True
-        return _distance(self.driven_to, self.position) <= _TOLERANCE
+        return distance(self.driven_to, self.position) <= _TOLERANCE
 
     @property
     def has_left_last_node(self) -> bool:
@@ -324,7 +324,7 @@ class Route:
         """
         last = self.last_node
         if last is not None and last.position is None:
-            return _distance(self._reached_at, self.position) > _TOLERANCE
+            return distance(self._reached_at, self.position) > _TOLERANCE
         return last is not None and not self.stands_on(last)
 
     def is_on_map_of(self, node: Node) -> bool:
@@ -396,10 +396,10 @@ def _length(edge: Edge, start: Position | NodePosition | None, end: NodePosition
     """
     if edge.trajectory is not None:
         return sum(math.dist(*points) for points in pairwise(curve_points(edge.trajectory)))
-    return _distance(start, end)
+    return distance(start, end)
 
 
-def _distance(start: Position | NodePosition | None, end: Position | NodePosition | None) -> float:
+def distance(start: Position | NodePosition | None, end: Position | NodePosition | None) -> float:
     """Return the distance of two places, in metres; infinite if unknown, or on different maps."""
     if start is None or end is None or start.map_id != end.map_id:
         return math.inf

@@ -128,6 +128,7 @@ def classify(
     *,
     busy: bool,
     cancelled: bool,
+    is_3: bool,
     decision_point: Node | None,
 ) -> OrderKind:
     """Check an order, and return its kind. A new order also needs `check_start`.
@@ -135,6 +136,8 @@ def classify(
     Args:
         current: the last order or update that the vehicle took; None before the first order.
         busy: True if the vehicle executes the current order, or waits for an update of it.
+        is_3: False to ignore what has the orderUpdateId of the current order, whatever it contains
+            (version 2.1).
         decision_point: last node of the current base, or the last reached node if no base is left.
 
     Raises:
@@ -157,22 +160,25 @@ def classify(
             _OUTDATED(id=current.update_id),
             "send updates with increasing orderUpdateId",
         )
-    is_restored = not current.nodes  # only the ids of an order survive a restart
-    if order == current or (is_restored and order.update_id == current.update_id):
+    is_repeated = order.update_id == current.update_id
+    if is_repeated and not is_3:
         return OrderKind.KNOWN
-    if order.update_id == current.update_id:
-        raise rejection(
-            ErrorType.CHANGED_UPDATE,
-            order,
-            _CHANGED(id=current.update_id),
-            "send a changed order with a larger orderUpdateId",
-        )
     if cancelled:
         raise rejection(
             ErrorType.UPDATE_AFTER_CANCEL,
             order,
             _CANCELLED(),
             "send a new order with another orderId",
+        )
+    is_restored = not current.nodes  # only the ids of an order survive a restart
+    if is_repeated and (is_restored or order == current):
+        return OrderKind.KNOWN
+    if is_repeated:
+        raise rejection(
+            ErrorType.CHANGED_UPDATE,
+            order,
+            _CHANGED(id=current.update_id),
+            "send a changed order with a larger orderUpdateId",
         )
     first = order.nodes[0]
     if decision_point is None or (first.id, first.sequence_id) != (
