@@ -114,6 +114,29 @@ async def test_the_limit_waits_for_the_navigation_if_only_a_query_has_told_the_e
         await eventually(lambda: limits()[1:] == [CallAction.DESCRIPTOR.full_name])
 
 
+@pytest.mark.parametrize("state", ["kRosExecuting", "kRosErrMsg"])
+@pytest.mark.parametrize("is_pushed", [True, False])
+async def test_a_navigation_that_goes_on_over_a_lost_link_gets_the_limit_again(
+    state: str, is_pushed: bool
+) -> None:
+    def limits(wire: Wire) -> int:
+        return sum("navMode" in frame.get("body", ()) for frame in wire.seen)
+
+    async def script(wire: Wire, frame: Frame) -> bool:
+        if frame["type"] == FEEDBACKS and is_pushed and len(wire.peer.wires) > 1:
+            await wire.push(FEEDBACKS, feedback("MoveBase", state))
+        return await answer_all(wire, frame)
+
+    async with gated(script) as rig:
+        SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append).limit(0.3)
+        await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+        await eventually(lambda: limits(rig.wire) == 1)
+        rig.actions = feedback("MoveBase", state)
+        rig.wire.abort()
+        again = await rig.second_wire()
+        await eventually(lambda: limits(again) == 1)
+
+
 async def test_a_refusal_ends_with_the_navigation_of_the_action() -> None:
     async def script(wire: Wire, frame: Frame) -> bool:
         if frame["type"] != CallAction.DESCRIPTOR.full_name:

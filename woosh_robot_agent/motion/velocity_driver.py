@@ -12,7 +12,7 @@ from functools import partial
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, SupersededError
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.tasks import start_task
-from woosh_robot_agent.motion.gate import MotionGate, Sender
+from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate, Sender
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.sentences import Sentence, said_by
@@ -173,12 +173,14 @@ class VelocityDriver:
         self._silenced = ""
         """Reason why velocities are refused until the sender pauses or sends a zero; or empty."""
         self._needs_zero = False
-        """True if a velocity drove the robot when the link was lost, and no zero has come since."""
+        """True if the chassis has answered no velocity since the link was lost while one drove the
+        robot, or since it did not answer a zero."""
         self._wake = asyncio.Event()
         self._wake_time = -math.inf
         """Loop time at which `run` wakes up by itself."""
         self._requests: set[asyncio.Task[None]] = set()
         gate.on_stop(partial(self._silence, _STOPPED))
+        gate.on_answered(self._answered)
         chassis.on_state(self._link_changed)
         gate.wheel_owner.on_known(self._owner_known)
 
@@ -374,11 +376,11 @@ class VelocityDriver:
             sender = Sender(self._name, published, self._max_age)
             await self._gate.request(velocity, sender=sender)
             self._request_log.clear()
-            self._needs_zero = self._needs_zero and may_move(velocity)
         except SupersededError as error:  # normal while the chassis is slow, but not for a zero
             level = logging.DEBUG if may_move(velocity) else logging.WARNING
             _LOG.log(level, "%s: %s", self._name, error)
         except LinkError as error:
+            self._needs_zero = self._needs_zero or not may_move(velocity)
             self._request_log.warn("", f"{self._name} was not sent or not answered: {error}")
 
     def _silence(self, reason: str) -> None:
@@ -388,11 +390,15 @@ class VelocityDriver:
         self._driving = False
         self._wake.set()
 
+    def _answered(self, command: AnsweredCommand) -> None:
+        if isinstance(command.message, Twist):
+            self._needs_zero = False
+
     def _link_changed(self, state: LinkState) -> None:
         """Forget the velocities when the link is lost."""
         if state is not LinkState.READY:
             self._waiting = None
-            # the gate knows of a velocity whose zero was lost with the link
+            # the gate knows of a velocity of another source
             self._needs_zero = self._needs_zero or self._driving or self._gate.driving
             self._driving = False
 

@@ -190,11 +190,11 @@ class WheelOwner:
         if is_unfinished(before) and not is_unfinished(report):
             self._task_ended = time.monotonic()
         self._update_name()
-        for callback in self._task_callbacks:
-            callback(report)
         drove_before = may_drive(before) and before.robot_task_id == report.robot_task_id
         if may_drive(report) and not drove_before:
             self._on_start("task", True)
+        for callback in self._task_callbacks:
+            callback(report)
 
     def _actions_reported(self, reports: Feedbacks) -> None:
         for report in reports.fbs:
@@ -205,11 +205,13 @@ class WheelOwner:
 
     def _action_reported(self, name: str, state: int) -> None:
         """Note whether an action is being executed; call `on_start` if it begins."""
+        is_known = name in self._actions
         if state not in EXECUTING:
             self._set_action(name, goes_on=False)
-        elif state == kRosExecuting and name not in self._actions:
+        elif is_known or state == kRosExecuting:
+            if not is_known:
+                self._on_start(name, name in _DRIVING_ACTIONS)
             self._set_action(name, goes_on=True)
-            self._on_start(name, name in _DRIVING_ACTIONS)
 
     def _set_action(self, name: str, *, goes_on: bool) -> None:
         if goes_on:
@@ -246,12 +248,15 @@ class WheelOwner:
         A report in this link is newer: what has just begun may lack in the answer.
         """
         before = self._actions - self._reported
-        for former in before:  # one that goes on may have been started again meanwhile
-            self._set_action(former, goes_on=False)
-        for report in answer.fbs if answer is not None else ():
-            name = ACTIONS.get(report.action)
-            if name is not None and name not in self._reported:
-                self._action_reported(name, report.state)
+        answers = answer.fbs if answer is not None else ()
+        told = {ACTIONS.get(each.action, ""): each.state for each in answers}
+        for former in before:
+            if told.get(former) not in EXECUTING:
+                self._set_action(former, goes_on=False)
+            else:  # it may have been started again meanwhile
+                self._on_start(former, former in _DRIVING_ACTIONS)
+        for name in told.keys() - self._reported - {""}:
+            self._action_reported(name, told[name])
         for callback in self._known_callbacks:
             callback(before if answer is None else ())
 

@@ -81,7 +81,10 @@ GOAL_CANCEL = "the cancel of a goal"
 
 
 class RefusalLog:
-    """Logs each refusal of a command with its reason, once until a command of its name succeeds."""
+    """Logs each refusal of a command with its reason, unless it repeats the last ones.
+
+    It is logged again once a command of its name has succeeded, or after 10 minutes without one.
+    """
 
     def __init__(self, gate: MotionGate, explainer: RefusalExplainer) -> None:
         self._explainer = explainer

@@ -68,7 +68,9 @@ class RosLogHandler(logging.Handler):
                 text += "\n" + _FORMATTER.formatException(record.exc_info)
             logger = _NODE_LOGGER.get() or get_logger(_PACKAGE)
             place = record.funcName or "", record.pathname, record.lineno
-            severity = LoggingSeverity(min(record.levelno, logging.ERROR))  # of equal numbers
+            severity = LoggingSeverity(
+                min(record.levelno, logging.ERROR) // 10 * 10
+            )  # same numbers
             if severity is LoggingSeverity.WARN and logger.name in _CLOSING:
                 severity = LoggingSeverity.INFO
             rclpy_private.log(logger.name, severity, text, *place)
