@@ -11,8 +11,10 @@ import pytest
 from tests.link.link_peer import Frame, Wire, eventually, turns
 from tests.motion.gate_checks import FEEDBACKS, answer_all, feedback, gated, ok
 from woosh_robot_agent.motion import SpeedLimiter, speed_limiter
-from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
+from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, NavigationMode, kExecute
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.pb.util.navigation_pb2 import ModeSetting
 
 LIMIT = "woosh.robot.ChangeNavMode"
 TASK_PROC = "woosh.robot.TaskProc"
@@ -167,3 +169,34 @@ async def test_a_limit_that_may_not_be_sent_is_logged_once(
         warnings = [each.message for each in caplog.records if each.levelname == "WARNING"]
         assert len(warnings) == 1, warnings
         assert warnings[0].startswith("the speed limit was not sent")
+
+
+@pytest.mark.parametrize("of", ["task", "action"])
+async def test_it_is_sent_again_after_a_client_has_set_a_higher_speed_or_none(of: str) -> None:
+    def limits() -> list[float]:
+        bodies = [frame["body"] for frame in rig.wire.seen if "navMode" in frame.get("body", ())]
+        return [round(body["navMode"].get("maxSpeed", 0.0), 3) for body in bodies]
+
+    async def check(sent: list[float]) -> None:
+        await eventually(lambda: limits() == sent)
+        await turns()
+        assert limits() == sent
+
+    def by_client(speed: float) -> CallAction | ChangeNavMode:
+        if of == "action":
+            return CallAction(nav_mode=NavigationMode(max_speed=speed))
+        return ChangeNavMode(nav_mode=ModeSetting(max_speed=speed))
+
+    async with gated() as rig:
+        limiter = SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append)
+        limiter.limit(0.3)
+        if of == "action":
+            await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+        else:
+            await rig.wire.push(TASK_PROC, navigating(7))
+        await check([0.3])
+        sent = [0.3]
+        for speed, again in ((0.5, [0.3]), (0.2, []), (0.0, [0.3])):
+            await ok(rig.gate.request(by_client(speed)))
+            sent = [*sent, speed, *again]
+            await check(sent)

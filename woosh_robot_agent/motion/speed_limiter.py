@@ -146,11 +146,27 @@ class SpeedLimiter:
             self._send()
 
     def _answered(self, command: AnsweredCommand) -> None:
-        """Note that a command of MoveBase may begin a navigation, and send the limit if needed."""
+        """Note that a command of MoveBase may begin a navigation, and send the limit if needed.
+
+        Send the limit also if a client has just set a higher one, or none.
+        """
         message = command.message
         if isinstance(message, CallAction) and message.move_base.action == kExecute:
             self._begin()  # it may replace another navigation, whose end is not reported then
             self._send()
+        elif command.answer.ok and self._is_faster(message):
+            self._begin()
+            self._send()
+
+    def _is_faster(self, message: Message) -> bool:
+        """Return True if a command of a client has set a higher limit, or none."""
+        if self._limit is None or self._limit == math.inf:
+            return False
+        if not isinstance(message, (CallAction, ChangeNavMode)) or not message.HasField("nav_mode"):
+            return False
+        # compare with a request, because the numbers of requests have 32 bits
+        own = _limit_request(self._limit, in_action=isinstance(message, CallAction))
+        return not 0.0 < message.nav_mode.max_speed <= own.nav_mode.max_speed
 
     def _begin(self) -> None:
         """Note that a navigation begins: a limit that was sent before must be sent again."""
@@ -209,7 +225,7 @@ class SpeedLimiter:
             self._on_refused(_LIMIT_REFUSED(limit=str(limit), reason=self.refusal))
 
 
-def _limit_request(limit: float, *, in_action: bool) -> Message:
+def _limit_request(limit: float, *, in_action: bool) -> CallAction | ChangeNavMode:
     """Return the request that sets a limit.
 
     There is no request for the speed alone: it also sets accurate arrival and obstacle avoidance.

@@ -138,6 +138,7 @@ class VelocityDriver:
         name: name of the stream in the log, e.g. "cmd_vel".
         limits: returns the current limits.
         on_refused: called with the reason why this refuses a velocity, instead of logging it.
+        owner: returns what drives the robot besides this stream; by default `MotionGate.owner`.
     """
 
     def __init__(
@@ -147,12 +148,14 @@ class VelocityDriver:
         name: str,
         limits: Callable[[], VelocityLimits],
         on_refused: Callable[[str], None] | None = None,
+        owner: Callable[[], str] | None = None,
     ) -> None:
         self._gate = gate
         self._chassis = chassis
         self._name = name
         self._limits = limits
         self._on_refused = on_refused
+        self._other_owner = owner or (lambda: gate.owner)
         self._log = LogOnce(_LOG)
         """Logs why velocities are refused."""
         self._request_log = LogOnce(_LOG)
@@ -318,7 +321,7 @@ class VelocityDriver:
     @property
     def _owner(self) -> str:
         """Name of what drives the robot, so that velocities are refused; empty if nothing does."""
-        return "" if self._limits().override else self._gate.owner
+        return "" if self._limits().override else self._other_owner()
 
     @property
     def _max_age(self) -> float:
@@ -404,6 +407,6 @@ class VelocityDriver:
 
     def _owner_known(self, _unknown: Collection[str]) -> None:
         """Send the zero of rule 7."""
-        self._needs_zero = self._needs_zero and not self._driving and not self._gate.owner
+        self._needs_zero = self._needs_zero and not self._driving and not self._other_owner()
         if self._needs_zero:
             self._send(Twist())

@@ -142,7 +142,7 @@ class Agent:
         # created first: a push that the first consumer cannot read reaches no other consumer
         self._topics = Topics(self.node, link_thread, chassis)
         # functions, because `self.actions` is created only below
-        gate = MotionGate(chassis, lambda: self.actions.running_goals)
+        gate = MotionGate(chassis, self._running_goals)
         last_known = LastKnown(chassis)
         explainer = RefusalExplainer(chassis, last_known)
         watch = Watch(chassis, gate, last_known, explainer, lambda: self.actions.accepted_goals)
@@ -199,6 +199,10 @@ class Agent:
             lambda: self._standard.map_to_odom,
             self.settings.result_timeout,
         )
+
+    def _running_goals(self) -> int:
+        """Return the number of goals that the robot may be executing, or a part of them next."""
+        return self.actions.running_goals + (self._nav2.driving_goals if self._nav2 else 0)
 
     @property
     def settings(self) -> Settings:

@@ -12,7 +12,18 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from tests.harness import Logs, Robot, wait_until
-from tests.node.goals import START, hurry, slow_down, task
+from tests.node.cmd_vel import Sender
+from tests.node.goals import (
+    CALL_ACTION,
+    START,
+    Held,
+    hurry,
+    lift,
+    move_base,
+    slow_down,
+    task,
+    without_reports,
+)
 from tests.node.nav2.goals import (
     ABORTED,
     CANCELED,
@@ -307,3 +318,48 @@ class TestAssistedTeleop:
         goal.feedback.wait(lambda _: True)
         task(robot)
         goal.wait_aborted("drives the robot")
+
+    @pytest.mark.parametrize("prevention", ["emergency stop", "key switch"])
+    def test_it_ends_though_the_robot_obeys_again_when_the_agent_hears_of_it(
+        self, robot: Robot, velocities: Any, prevention: str
+    ) -> None:
+        prevent, permit = PREVENTIONS[prevention]
+        goal = Nav2Client(robot, "assisted_teleop")
+        self.drive(velocities, robot)
+        stalled = robot.chassis.inject("half_open")
+        prevent(robot.chassis)
+        permit(robot.chassis)
+        stalled.clear()
+        goal.wait_aborted("emergency stop" if prevention == "emergency stop" else "manual")
+
+    def test_a_goal_that_does_not_drive_does_not_end_it(self, robot: Robot) -> None:
+        goal = Nav2Client(robot, "assisted_teleop")
+        held = Held(robot.chassis, CALL_ACTION)
+        lifting = lift(robot)
+        robot.chassis.wait_received(CALL_ACTION)
+        goal.feedback.wait_count(len(goal.feedback.messages) + 5)
+        held.release()
+        lifting.result()
+        goal.feedback.wait_count(len(goal.feedback.messages) + 5)
+        assert not goal.done
+
+    def test_its_end_does_not_pause_a_drive_that_has_just_begun(self, own_robot: Robot) -> None:
+        """The chassis answers the start late, and reports it still later."""
+        robot = own_robot
+        assert change(robot, cmd_vel_timeout=5.0) == (True, "")
+        goal = Nav2Client(robot, "assisted_teleop")
+        self.drive(robot.publisher(Twist, "cmd_vel_teleop"), robot)
+        robot.chassis.intercept(without_reports)
+        held = Held(robot.chassis, CALL_ACTION)
+        move_base(robot, 3.0)
+        robot.chassis.wait_received(CALL_ACTION)
+        goal.feedback.wait_count(len(goal.feedback.messages) + 5)
+        held.release()
+        goal.wait_aborted("ros/MoveBase drives the robot")
+        assert type(robot.chassis.received[-1].message) is CallAction
+
+    def test_cmd_vel_is_refused_meanwhile(self, robot: Robot, logs: Logs) -> None:
+        Nav2Client(robot, "assisted_teleop").feedback.wait(lambda _: True)
+        Sender(robot).send(x=0.3)
+        logs.wait_text("cmd_vel is ignored: a goal is running")
+        assert ChassisTwist.DESCRIPTOR.full_name not in robot.chassis.counts

@@ -7,7 +7,7 @@ from std_srvs.srv import Trigger
 
 from tests.harness import Logs, Robot, fill, wait_until
 from tests.node.cmd_vel import Sender
-from tests.node.goals import ACTION_ORDER, EXECUTING, slow_down
+from tests.node.goals import ACTION_ORDER, CALL_ACTION, EXECUTING, slow_down, without_reports
 from tests.node.nav2.goals import (
     CANCELED,
     PREVENTIONS,
@@ -23,7 +23,7 @@ from woosh_robot_agent.pb.util.task_pb2 import kCharge, kPaused
 from woosh_robot_agent.robot.readiness import is_charging
 from woosh_robot_msgs.action import ExecTask as ExecTaskAction
 from woosh_robot_msgs.msg import Battery as BatteryMsg
-from woosh_robot_msgs.srv import Twist
+from woosh_robot_msgs.srv import RobotState, Twist
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
 pytestmark = pytest.mark.skipif(
@@ -124,6 +124,17 @@ def test_docking_ends_when_something_stops_the_robot(robot: Robot) -> None:
     )
 
 
+def test_docking_ends_though_the_robot_obeys_again_when_the_agent_hears_of_it(
+    robot: Robot,
+) -> None:
+    goal = docking(robot)
+    stalled = robot.chassis.inject("half_open")
+    robot.chassis.set_emergency_stop(True)
+    robot.chassis.set_emergency_stop(False)
+    stalled.clear()
+    goal.wait_aborted("emergency stop")
+
+
 @pytest.mark.parametrize("cancelled", [False, True], ids=["", "after a cancel of the client"])
 def test_docking_that_something_stops_is_cancelled_once(robot: Robot, cancelled: bool) -> None:
     """A cancel names no task, so a further one could end another task."""
@@ -174,6 +185,30 @@ def test_a_robot_that_charges_is_docked_and_a_refusal_is_explained(
         result = Nav2Client(robot, name).wait_aborted("emergency stop")
         assert not result.success
         assert result.error_code != 0
+
+
+def test_cmd_vel_is_refused_before_the_chassis_executes_anything_for_the_goal(
+    robot: Robot, logs: Logs
+) -> None:
+    robot.chassis.mute(Storages.DESCRIPTOR.full_name)
+    Nav2Client(robot, "dock_robot")
+    robot.chassis.wait_received(Storages.DESCRIPTOR.full_name)
+    Sender(robot).send(x=0.1)
+    logs.wait_text("cmd_vel is ignored: a goal is running")
+
+
+def test_undocking_does_not_wait_for_a_lost_link(robot: Robot) -> None:
+    assert Nav2Client(robot, "dock_robot").result()[0] == SUCCEEDED
+    report_again = robot.chassis.intercept(without_reports)
+    goal = Nav2Client(robot, "undock_robot")
+    robot.chassis.wait_received(ACTION_ORDER)
+    robot.call(RobotState, "robot/RobotState")  # answered after the cancel of the task
+    switched_off = robot.chassis.inject("off")
+    goal.wait_aborted("no link")
+    report_again()
+    switched_off.clear()
+    robot.call(RobotState, "robot/RobotState")
+    assert robot.chassis.counts[CALL_ACTION] == 0
 
 
 def test_undocking_is_cancelled(robot: Robot) -> None:

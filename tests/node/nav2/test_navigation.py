@@ -24,9 +24,11 @@ from tests.node.goals import (
     feedbacks,
     hurry,
     in_front,
+    lift,
     move_base,
     replace_answers,
     slow_down,
+    step,
     stop_time,
     task,
     without_reports,
@@ -47,11 +49,12 @@ from tests.node.nav2.goals import (
 )
 from tests.node.test_parameters import change
 from woosh_robot_agent.motion.requests import may_move
-from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
+from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, Scene
 from woosh_robot_agent.pb.ros import action_pb2, ros_pack_pb2
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D
 from woosh_robot_agent.pb.util.navigation_pb2 import Path
+from woosh_robot_msgs.srv import Twist
 
 nav2_actions = pytest.importorskip("nav2_msgs.action")
 
@@ -187,8 +190,54 @@ def test_a_cancel_of_others_is_explained(robot: Robot) -> None:
     goal.wait_aborted("cancelled by ros/MoveBase")
     goal = driving(robot)
     wait_until(lambda: navigates(robot), "the robot may still have rolled before")
+    lift(robot, action=CANCEL).result()  # of another action
     robot.chassis.call(lambda sim: sim.chassis.actions.cancel("woosh.ros.action.MoveBase"))
     goal.wait_aborted("cancelled by the robot itself or another client of it")
+    goal = driving(robot)
+    wait_until(lambda: navigates(robot), "the robot may still have rolled before")
+    step(robot, 1.0)
+    goal.wait_aborted("cancelled by ros/StepControl")
+
+
+def test_a_pause_by_a_zero_is_told(robot: Robot, logs: Logs) -> None:
+    goal = driving(robot)
+    assert robot.call(Twist, "robot/Twist").ok
+    logs.wait_text("navigate_to_pose: the robot has paused", "resume it by ros/MoveBase")
+    goal.cancel()
+    assert goal.result()[0] == CANCELED
+
+
+@pytest.mark.parametrize("first", ["navigate_to_pose", "spin"])
+def test_a_goal_that_comes_without_a_link_moves_nothing_later(robot: Robot, first: str) -> None:
+    goals = {"navigate_to_pose": {"pose": ahead(2.0)}, "spin": {"target_yaw": 6.0}}
+    running = driving(robot, first, **goals.pop(first))
+    switched_off = robot.chassis.inject("off")
+    robot.wait_lost()
+    [(name, fields)] = goals.items()
+    Nav2Client(robot, name, **fields).wait_aborted("no link")
+    hurry(robot.chassis)
+    switched_off.clear()
+    assert running.result()[0] == SUCCEEDED
+    assert robot.chassis.counts[CALL_ACTION] == 1
+
+
+def test_a_goal_that_waits_for_another_ends_with_the_link(robot: Robot) -> None:
+    driving(robot)
+    report_again = robot.chassis.intercept(without_reports)
+    spin = Nav2Client(robot, "spin", target_yaw=1.0)
+    wait_until(lambda: len(drives(robot)) == 2, "the cancel of the drive")
+    switched_off = robot.chassis.inject("off")
+    spin.wait_aborted("no link")
+    report_again()
+    switched_off.clear()
+
+
+def test_the_places_of_a_goal_are_those_of_the_map_that_the_robot_used(robot: Robot) -> None:
+    goal = driving(robot, "follow_waypoints", poses=[ahead(1.0), ahead(2.0)])
+    robot.chassis.push(Scene(scene_name="factory", map_name="floor 2"))
+    hurry(robot.chassis)
+    goal.wait_aborted("the robot now uses the map floor 2")
+    assert drives(robot) == [action_pb2.kExecute]
 
 
 def test_a_refusal_is_explained(robot: Robot, logs: Logs) -> None:

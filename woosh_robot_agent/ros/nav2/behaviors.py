@@ -7,17 +7,19 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from woosh_robot_agent.link import LinkState
-from woosh_robot_agent.motion import VelocityDriver
+from woosh_robot_agent.motion import AnsweredCommand, VelocityDriver
+from woosh_robot_agent.motion.requests import takes_wheels
 from woosh_robot_agent.motion.timeliness import SenderClock
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
+from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
-from woosh_robot_agent.robot.readiness import CONTROL_MODES, EMERGENCY_STOP
+from woosh_robot_agent.robot.who_drives import command_name
 from woosh_robot_agent.ros.nav2.goals import (
     GoalEnd,
     Nav2Action,
     Nav2Context,
     Nav2Goal,
+    prevention,
     to_duration,
     to_seconds,
 )
@@ -187,7 +189,9 @@ class AssistedTeleop(Nav2Action):
             context.chassis,
             "cmd_vel_teleop",
             lambda: context.settings().velocity_limits,
+            owner=self._other_owner,
         )
+        context.gate.on_answered(self._answered)
         self._clock = SenderClock()
         """Estimates when a velocity was published, because late ones are not sent."""
         self._goal: Nav2Goal | None = None
@@ -233,15 +237,27 @@ class AssistedTeleop(Nav2Action):
 
     def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
-        context, gate = self.context, self.context.gate
-        if refusal := context.chassis.refusal(Twist()):
+        if refusal := self.context.chassis.refusal(Twist()):
             return refusal
-        if context.chassis.state is not LinkState.READY:
-            return "there is no link to the robot"
-        if gate.owner and not context.settings().velocity_limits.override:
-            return f"{gate.owner} drives the robot"
-        preventing = (EMERGENCY_STOP, *CONTROL_MODES)
-        return "; ".join(str(each) for each in context.objections_except_busy if each in preventing)
+        if (owner := self.context.gate.wheel_owner.name) and not self._overrides:
+            return f"{owner} drives the robot"
+        info = self.context.last_known.value(RobotInfo)
+        return "" if info is None else prevention(info)
+
+    def _answered(self, command: AnsweredCommand) -> None:
+        """End the goal when the chassis accepts a drive: it may report the start a second later."""
+        is_drive = command.answer.ok and takes_wheels(command.message)
+        if is_drive and self._goal is not None and not self._overrides:
+            self._goal.stop(GoalEnd(f"{command_name(command)} drives the robot"))
+
+    @property
+    def _overrides(self) -> bool:
+        return self.context.settings().velocity_limits.override
+
+    def _other_owner(self) -> str:
+        """Return what drives the robot besides this action; empty if nothing does."""
+        owner = self.context.gate.wheel_owner.name
+        return owner or ("a goal" if self.context.actions.running_goals else "")
 
     def _drive(self, message: Any, info: Any, taken: float) -> None:
         # a TwistStamped, if the parameter cmd_vel_stamped is true

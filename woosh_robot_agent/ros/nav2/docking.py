@@ -75,6 +75,7 @@ class DockRobot(_Docking):
     """Docks the robot at a charger by a task of the chassis; succeeds when the robot charges."""
 
     name = "dock_robot"
+    is_paused_by_stop = True
 
     async def check(self, request: Any) -> None:
         if not request.use_dock_id:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
@@ -20,23 +19,29 @@ from builtin_interfaces.msg import Duration
 from google.protobuf.message import Message
 
 from woosh_robot_agent.convert.mapping import class_of
-from woosh_robot_agent.link import LinkError
+from woosh_robot_agent.link import ChassisClient, LinkError, LinkState
 from woosh_robot_agent.link.tasks import start_task
-from woosh_robot_agent.motion import AnsweredCommand, MotionGate
-from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder
-from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
-from woosh_robot_agent.pb.ros.action_pb2 import kCancel
-from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction, kRosCancel
+from woosh_robot_agent.motion import MotionGate
+from woosh_robot_agent.motion.wheel_owner import is_held_up
+from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecTask
+from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, Mode, RobotInfo, Scene, TaskProc
+from woosh_robot_agent.pb.ros.action_pb2 import kResume
+from woosh_robot_agent.pb.ros.ros_pack_pb2 import kRosCancel, kRosPause
 from woosh_robot_agent.pb.util import action_pb2 as action
-from woosh_robot_agent.pb.util.task_pb2 import kCanceled
-from woosh_robot_agent.robot.code_log import GOAL_CANCEL
-from woosh_robot_agent.robot.readiness import Objection, objections_except_busy
+from woosh_robot_agent.pb.util.task_pb2 import kCanceled, kPaused
+from woosh_robot_agent.robot.readiness import (
+    CONTROL_MODES,
+    EMERGENCY_STOP,
+    Objection,
+    objections,
+    objections_except_busy,
+)
 from woosh_robot_agent.robot.status_codes import explained
-from woosh_robot_agent.robot.who_drives import command_name
 from woosh_robot_agent.ros.actions.actions import Actions, AgentGoal
 from woosh_robot_agent.ros.actions.goal import Cause, End, Outcome
 from woosh_robot_agent.ros.actions.run import STOPPING
 from woosh_robot_agent.ros.actions.server import Goal, GoalServer
+from woosh_robot_agent.ros.nav2.cancels import CancelLog
 from woosh_robot_agent.ros.nav2.frames import Frames
 from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.qos import RARE_QOS
@@ -48,11 +53,10 @@ T = TypeVar("T")
 _LOG = logging.getLogger(__name__)
 _PERIOD = 0.1
 """Period of feedback, in seconds."""
-_ANSWER_DELAY = 0.1
-"""Maximum time from the report of a cancel to the answer to its request, in seconds."""
 _LONGEST = 2.0**31 - 1.0
 """Longest time in a Duration, in seconds."""
 _REPLACED = "replaced by a newer goal"
+_NO_LINK = "there is no link to the robot: send the goal again when the link is back"
 _CANCELLED = (kRosCancel, kCanceled)
 """States in reports on an action or a task that was cancelled."""
 
@@ -79,50 +83,6 @@ class GoalEnd(Exception):
         self.outcome = outcome
 
 
-class CancelLog:
-    """Remembers what last cancelled a task or an action, other than the client of its goal.
-
-    Used in the link thread.
-    """
-
-    def __init__(self, gate: MotionGate) -> None:
-        self._last_source = ""
-        """Name of the service, topic or action through which the last cancel came."""
-        self._time = -math.inf
-        """Loop time of that cancel."""
-        gate.on_stop(lambda: self._note("the service stop"))
-        gate.on_answered(self._answered)
-
-    async def source(self, since: float) -> str:
-        """Return what has cancelled a task or an action since a loop time.
-
-        If no cancel has passed through the agent since, it was the robot itself or another client.
-        The report of a cancel may come before the answer to its request, so this waits for
-        `_ANSWER_DELAY` at most.
-        """
-        clock = asyncio.get_running_loop().time
-        until = clock() + _ANSWER_DELAY
-        while self._time < since:
-            if clock() > until:
-                return "the robot itself or another client of it"
-            await asyncio.sleep(_ANSWER_DELAY / 10)
-        return self._last_source
-
-    def _answered(self, command: AnsweredCommand) -> None:
-        """Note a cancel that the chassis has accepted, unless the client of its goal sent it."""
-        message = command.message
-        if isinstance(message, CallAction) and (member := message.WhichOneof("action")):
-            # a setting has no field `action`
-            is_cancel = getattr(getattr(message, member), "action", None) == kCancel
-        else:
-            is_cancel = isinstance(message, ActionOrder) and message.order == action.kCancel
-        if is_cancel and command.answer.ok and command.source != GOAL_CANCEL:
-            self._note(command_name(command))
-
-    def _note(self, source: str) -> None:
-        self._last_source, self._time = source, asyncio.get_running_loop().time()
-
-
 class FailedCommand(GoalEnd):
     """The chassis refused or failed to execute a command.
 
@@ -147,12 +107,20 @@ class FailedCommand(GoalEnd):
         self.status_code = code
 
 
+def _is_paused(report: Message) -> bool:
+    """Return True if an action or a task is paused, and does not go on by itself."""
+    if isinstance(report, TaskProc):
+        return report.state == kPaused and not is_held_up(report)
+    return getattr(report, "state", None) == kRosPause
+
+
 class Nav2Goal:
     """A running goal of a Nav2 action. Use it in the link thread.
 
     Attributes:
         request: the goal as the client gave it.
         navigates: True if the goal is a navigation of the chassis.
+        is_paused_by_stop: as in `Nav2Action`.
         result: the result, to be filled by the action.
         ended: future that is done when the goal has ended.
         started: loop time at which the goal was accepted.
@@ -163,13 +131,17 @@ class Nav2Goal:
         loop = asyncio.get_running_loop()
         self.request = goal.request
         self.navigates = nav2_action.navigates
+        self.is_paused_by_stop = nav2_action.is_paused_by_stop
         self.result = nav2_action.action_type.Result()
         self.ended: asyncio.Future[None] = loop.create_future()
         self.started = loop.time()
         self.is_cancelled = False
+        self._name = nav2_action.name
         self._goal = goal
         self._feedback_class = nav2_action.action_type.Feedback
         self._context = nav2_action.context
+        self._map = self._context.map_in_use
+        """The map for which the client has given the places in the goal."""
         self._published = goal.published
         """Loop time at which the client sent the goal, or later, at which the last command ended.
         If the agent stood still until then, nobody may want the next command any more."""
@@ -269,8 +241,18 @@ class Nav2Goal:
             FailedCommand: the command has failed.
         """
         self.raise_if_ending()
+        self._check_map()
         sent = asyncio.get_running_loop().time()
-        chassis_goal = self._context.actions.start(command, on_report, self._published)
+        is_paused = False
+
+        def report(message: Message) -> None:
+            nonlocal is_paused
+            was_paused, is_paused = is_paused, _is_paused(message)
+            if is_paused and not (was_paused or self.is_ending):
+                self._log_pause(command, message)
+            on_report(message)
+
+        chassis_goal = self._context.actions.start(command, report, self._published)
         self.chassis_goal = chassis_goal
         chassis_goal.accepted.add_done_callback(self._decided)
         try:
@@ -286,7 +268,7 @@ class Nav2Goal:
         if end.outcome is Outcome.SUCCEEDED:
             return end.cause
         if not self.is_ending:
-            raise await self._failure(end, sent)
+            raise await self._failure(end, command, sent)
         reason = self._reason.result()
         if end.outcome is Outcome.CANCELED:
             await self._context.pose.wait_until_standing()
@@ -294,7 +276,34 @@ class Nav2Goal:
         if str(reason) == _REPLACED and not self.is_cancelled:  # a newer navigation replaces it
             raise reason
         # the cancel had no effect: the text of the failure says that the robot may go on
-        raise await self._failure(end, sent)
+        raise await self._failure(end, command, sent)
+
+    def _check_map(self) -> None:
+        """Check that the robot uses the map for which the places in the goal were given.
+
+        Raises:
+            GoalEnd: it uses another one, in which the places are elsewhere.
+        """
+        (scene, name), used = self._map, self._context.map_in_use
+        if used != (scene, name):
+            raise GoalEnd(
+                f"the goal is for the map {name} of the scene {scene}, and the robot now uses the "
+                f"map {used[1]} of the scene {used[0]}: send a goal for this map"
+            )
+
+    def _log_pause(self, command: Message, report: Message) -> None:
+        """Log that the robot waits, and what to do: nothing else would tell it."""
+        text = getattr(report, "msg", "") or "it does not say why"
+        is_task = isinstance(command, ExecTask)
+        order = "robot/ActionOrder" if is_task else f"ros/{command.DESCRIPTOR.name}"
+        _LOG.warning(
+            "%s: the robot has paused (%s), e.g. because of a zero velocity in a call of "
+            "robot/Twist: resume it by %s with %s, or cancel the goal",
+            self._name,
+            text,
+            order,
+            f"order {action.kContinue}" if is_task else f"action {kResume}",
+        )
 
     def _decided(self, accepted: asyncio.Future[bool]) -> None:
         """Handle that the chassis has accepted a command of this goal, or never will.
@@ -311,10 +320,11 @@ class Nav2Goal:
         if self._older is not None:
             self._older.stop(GoalEnd(_REPLACED))
 
-    async def _failure(self, end: End, sent: float) -> FailedCommand:
+    async def _failure(self, end: End, command: Message, sent: float) -> FailedCommand:
         """Return the failure of a command; `sent` is the loop time at which it was sent."""
-        is_cancelled = getattr(end.result, "state", None) in _CANCELLED
-        return FailedCommand(end, await self._context.cancels.source(sent) if is_cancelled else "")
+        if getattr(end.result, "state", None) not in _CANCELLED:
+            return FailedCommand(end, "")
+        return FailedCommand(end, await self._context.cancels.source(command, sent))
 
     async def wait_for(
         self, future: asyncio.Future[Any], tick: Callable[[], None] = lambda: None
@@ -405,6 +415,11 @@ class Slot:
         self._goals: list[Nav2Goal] = []
         """The last goal, and the goals that had not ended when it came; oldest first."""
 
+    @property
+    def running(self) -> list[Nav2Goal]:
+        """The goals that have not ended, oldest first."""
+        return [each for each in self._goals if not each.ended.done()]
+
     async def take(self, goal: Nav2Goal) -> None:
         """Let a goal run, and end the goals before it.
 
@@ -414,7 +429,7 @@ class Slot:
         Raises:
             GoalEnd: the goal itself has ended meanwhile.
         """
-        older = [each for each in self._goals if not each.ended.done()]
+        older = self.running
         self._goals = [*older, goal]
         if older and all(each.navigates for each in self._goals):
             # the newest of them has already replaced or stopped those before it
@@ -425,17 +440,66 @@ class Slot:
         for each in older:
             await goal.wait_for(each.ended)
 
-    def stop_called(self) -> None:
-        """End all goals, because the service `stop` cancels what the chassis executes."""
-        for each in self._goals:
-            each.send_no_more(GoalEnd("cancelled by the service stop"))
+
+class DrivingSlot(Slot):
+    """Lets one goal at a time move the robot.
+
+    A goal for which the chassis executes nothing now, e.g. one that waits for the end of another
+    goal, could move the robot later by itself. It ends when the link is lost, and when the robot
+    reports a pressed emergency stop or a control mode in which it obeys nobody.
+
+    Args:
+        chassis: the link.
+        gate: tells when the service `stop` is called.
+    """
+
+    def __init__(self, chassis: ChassisClient, gate: MotionGate) -> None:
+        super().__init__()
+        self._chassis = chassis
+        gate.on_stop(self._stop_called)
+        chassis.on_state(self._link_changed)
+        chassis.on_snapshot(self._prevent)
+        # from each report: at the next look at the state, a button may be released already
+        chassis.subscribe(DeviceState, lambda each: self._prevent(RobotInfo(device_state=each)))
+        chassis.subscribe(Mode, lambda each: self._prevent(RobotInfo(mode=each)))
+
+    async def take(self, goal: Nav2Goal) -> None:
+        if self._chassis.state is not LinkState.READY:
+            raise GoalEnd(_NO_LINK)
+        await super().take(goal)
 
     def stop(self, reason: GoalEnd) -> bool:
         """End the goal that the chassis executes; return False if it executes none."""
-        running = [each for each in self._goals if each.chassis_goal is not None]
-        for each in running:
+        executing = [each for each in self.running if each.chassis_goal is not None]
+        for each in executing:
             each.stop(reason)
-        return bool(running)
+        return bool(executing)
+
+    def _stop_called(self) -> None:
+        """End all goals, because the service `stop` cancels what the chassis executes."""
+        for each in self.running:
+            each.send_no_more(GoalEnd("cancelled by the service stop"))
+
+    def _link_changed(self, state: LinkState) -> None:
+        if state is not LinkState.READY:
+            for each in self.running:
+                if each.chassis_goal is None:
+                    each.stop(GoalEnd(_NO_LINK))
+
+    def _prevent(self, info: RobotInfo) -> None:
+        """End goals if a report of the robot says that it obeys no velocity."""
+        if reason := prevention(info):
+            for each in self.running:
+                is_affected = each.is_paused_by_stop or each.chassis_goal is None
+                # a further cancel could end another task
+                if is_affected and not each.is_cancelled:
+                    each.stop(GoalEnd(reason))
+
+
+def prevention(info: RobotInfo) -> str:
+    """Return why a robot obeys no velocity: emergency stop, control mode; empty if it does."""
+    preventing = (EMERGENCY_STOP, *CONTROL_MODES)
+    return "; ".join(str(each) for each in objections(info) if each in preventing)
 
 
 @dataclass(frozen=True)
@@ -448,12 +512,18 @@ class Nav2Context(PartContext):
     """Transforms poses into the frame of the map."""
     pose: RobotPose
     """The robot's pose."""
-    driving: Slot
+    driving: DrivingSlot
     """Lets one goal at a time move the robot."""
     cancels: CancelLog
     """Tells what has cancelled a goal, besides its client."""
     result_timeout: float
     """Time for which the results of goals are kept, in seconds."""
+
+    @property
+    def map_in_use(self) -> tuple[str, str]:
+        """Names of the scene and of the map that the robot uses; blank before its first report."""
+        scene = self.last_known.value(Scene) or Scene()
+        return scene.scene_name, scene.map_name
 
     @property
     def objections_except_busy(self) -> list[Objection]:
@@ -471,6 +541,9 @@ class Nav2Action(ABC):
     """True if its goals are navigations of the chassis, which replace each other without a stop."""
     drives = True
     """False if its goals do not move the robot."""
+    is_paused_by_stop = False
+    """True if the emergency stop only pauses what the chassis executes for its goals, so that it
+    could stay paused for ever, or drive on later."""
 
     def __init__(self, context: Nav2Context) -> None:
         self.context = context

@@ -9,9 +9,10 @@ from nav2_msgs import action as nav2_actions
 
 from woosh_robot_agent.ros.actions.actions import Actions
 from woosh_robot_agent.ros.nav2.behaviors import AssistedTeleop, BackUp, DriveOnHeading, Spin, Wait
+from woosh_robot_agent.ros.nav2.cancels import CancelLog
 from woosh_robot_agent.ros.nav2.docking import DockRobot, UndockRobot
 from woosh_robot_agent.ros.nav2.frames import Frames
-from woosh_robot_agent.ros.nav2.goals import CancelLog, Nav2Action, Nav2Context, Slot
+from woosh_robot_agent.ros.nav2.goals import DrivingSlot, Nav2Action, Nav2Context
 from woosh_robot_agent.ros.nav2.navigation import (
     FollowWaypoints,
     NavigateThroughPoses,
@@ -65,8 +66,8 @@ class Nav2Layer:
     ) -> None:
         pose = RobotPose(standard)
         frames = Frames(standard, lambda: pose.pose, map_to_odom)
-        driving, gate = Slot(), standard.gate
-        gate.on_stop(driving.stop_called)
+        gate = standard.gate
+        driving = DrivingSlot(standard.chassis, gate)
         self._context = Nav2Context(
             **vars(standard),
             actions=actions,
@@ -95,6 +96,11 @@ class Nav2Layer:
     def open_goals(self) -> int:
         """Number of goals that have not ended."""
         return sum(action.server.open_goals for action in self._actions)
+
+    @property
+    def driving_goals(self) -> int:
+        """Number of goals that move the robot and have not ended. Use it in the link thread."""
+        return len(self._context.driving.running)
 
     async def stop(self) -> None:
         """Abort the goals that have not ended. Call it in the link thread."""

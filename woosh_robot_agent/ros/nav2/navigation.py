@@ -22,12 +22,12 @@ from woosh_robot_agent.ros.actions.goal import Cause
 from woosh_robot_agent.ros.actions.server import RejectedError
 from woosh_robot_agent.ros.nav2.frames import Frames
 from woosh_robot_agent.ros.nav2.goals import (
+    DrivingSlot,
     FailedCommand,
     GoalEnd,
     Nav2Action,
     Nav2Context,
     Nav2Goal,
-    Slot,
     to_duration,
 )
 from woosh_robot_agent.ros.standard.part import PartContext
@@ -402,7 +402,7 @@ class SpeedLimit:
         driving: holds the goal that moves the robot.
     """
 
-    def __init__(self, robot: PartContext, driving: Slot) -> None:
+    def __init__(self, robot: PartContext, driving: DrivingSlot) -> None:
         self._robot = robot
         self._driving = driving
         self._log = LogOnce(_LOG)
