@@ -68,9 +68,8 @@ class RosLogHandler(logging.Handler):
                 text += "\n" + _FORMATTER.formatException(record.exc_info)
             logger = _NODE_LOGGER.get() or get_logger(_PACKAGE)
             place = record.funcName or "", record.pathname, record.lineno
-            severity = LoggingSeverity(
-                min(record.levelno, logging.ERROR) // 10 * 10
-            )  # same numbers
+            level = min(record.levelno, logging.ERROR) // 10 * 10
+            severity = LoggingSeverity(level)  # ROS numbers the levels like logging
             if severity is LoggingSeverity.WARN and logger.name in _CLOSING:
                 severity = LoggingSeverity.INFO
             rclpy_private.log(logger.name, severity, text, *place)
