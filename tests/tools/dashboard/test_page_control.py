@@ -59,6 +59,7 @@ from woosh_robot_agent.pb.ros.ros_pack_pb2 import (
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator.body.base import Velocity
 from woosh_robot_agent.tools.dashboard import control, stop_alarm
 
 TWIST = full_name(Twist)
@@ -476,8 +477,9 @@ async def test_what_begins_after_a_stop_and_is_not_cancelled_raises_the_alarm(
         assert "NOT STOPPED: cancel of task: Request failed" in say(alarm)
 
 
+@pytest.mark.parametrize("velocity", [Twist(linear=0.3), Twist(angular=0.5)], ids=["", "turning"])
 async def test_velocities_of_another_program_after_a_stop_raise_the_alarm(
-    chassis: SimulatorThread,
+    chassis: SimulatorThread, velocity: Twist
 ) -> None:
     """A joystick at an agent, for example, knows nothing of a stop by this page."""
     config = LinkConfig("127.0.0.1", chassis.port)
@@ -487,13 +489,15 @@ async def test_velocities_of_another_program_after_a_stop_raise_the_alarm(
         async def drive() -> None:
             while True:
                 await client.wait_ready(TIMEOUT)
-                await other.request(Twist(linear=0.3))
+                await other.request(velocity)
                 await asyncio.sleep(0.05)
 
         driving = asyncio.ensure_future(drive())
         try:
-            await eventually(lambda: is_driving(chassis))
+            await eventually(lambda: chassis.state.velocity != Velocity())
             await viewer.give("stop")
+            chassis.refuse(full_name(ExecTask), "Request failed")
+            await viewer.refused("charge")  # moves nothing
             alarm = await viewer.until(lambda parts: parts["fleet"][0]["alarm"])
             assert "another program drives it" in say(alarm)
         finally:

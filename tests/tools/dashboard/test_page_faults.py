@@ -416,7 +416,7 @@ def test_a_dashboard_that_is_restarted_with_other_robots_shows_and_stops_the_sam
     with plain_robot.serving(port=port):
         press_stop()
         # the robot of the stop is named, because the page shows another one then
-        gone = f"STOP is not confirmed (127.0.0.1:{other.port})"
+        gone = f"it may still move (127.0.0.1:{other.port})"
         eventually(lambda: gone in window.text("#alarm"), "the alarm")
         eventually(lambda: window.script(shown) == 30001, "the robot that is left")
     assert (plain_robot.counts[full_name(Twist)], other.counts[full_name(Twist)]) == (0, 1)

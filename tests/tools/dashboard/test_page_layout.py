@@ -578,7 +578,7 @@ def test_an_open_sheet_hides_neither_an_alarm_nor_what_is_wrong(
     assert window.element("button.chip").accessible_name == "2 alarms"
     assert "bad" in window.element("button.chip").get_attribute("class")
     window.press("button.chip")
-    eventually(lambda: "STOP is not confirmed" in window.text("#problems"), "the list")
+    eventually(lambda: "it may still move" in window.text("#problems"), "the list")
     assert "No data for" in window.text("#problems")
     assert "not known" in window.text("#new-task")
     for tab in ("go", "tasks", "state", "map", "setup"):

@@ -130,7 +130,7 @@ class Control:
 
     Attributes:
         owner: the viewer that has the control; None if no viewer has it.
-        alarm: the alarm of a stop that is not confirmed.
+        alarm: the alarm of a stop after which the robot may move.
         speed_limit: speed limit that a viewer has set, in m/s; None without one.
     """
 
@@ -408,7 +408,7 @@ class Control:
     def _answered(self, command: AnsweredCommand) -> None:
         """End the press if the robot has refused its velocity."""
         viewer, answer = self.owner, command.answer
-        if may_move(command.message):
+        if answer.ok and may_move(command.message):
             self.alarm.motion_commanded()
         refused = command.source == _STICK and not answer.ok
         if refused and viewer is not None and viewer.ended_press < self._press:

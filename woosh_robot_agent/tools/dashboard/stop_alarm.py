@@ -16,8 +16,8 @@ from woosh_robot_agent.tools.dashboard import part_data
 from woosh_robot_agent.tools.dashboard.robot import Robot
 
 _MOVES_ON = Sentence(
-    "the robot has stopped and moves again, because another program drives it: stop that program, "
-    "or press the emergency stop of the robot"
+    "the robot was stopped and moves, perhaps because another program drives it: stop that "
+    "program, or press the emergency stop of the robot"
 )()
 _SETTLING = 1.5
 """Time after a confirmed stop for which a robot may slow down, in seconds."""
@@ -25,6 +25,8 @@ _WATCH = 5.0
 """Time after a confirmed stop until which a moving robot raises the alarm, in seconds."""
 _MOVED = 0.05
 """Distance that shows that a robot moves after a confirmed stop, in metres."""
+_TURNED = 0.1
+"""Angle that shows that a robot turns after a confirmed stop, in radians."""
 _STANDSTILL = 1.0
 """Time for which a robot must stand still to end its alarm, in seconds."""
 _SAME_PLACE = 0.01
@@ -33,10 +35,11 @@ tell, because robots report none while they move sideways."""
 
 
 class StopAlarm:
-    """Remembers that a stop was not confirmed, until a later stop is, or the robot stands still.
+    """Remembers that a stop was not confirmed, or that the robot moves after a confirmed one.
 
-    A robot that moves though its stop was confirmed raises the alarm, too: another program, e.g. an
-    agent with a joystick, goes on sending velocities.
+    The alarm ends with a later stop that is confirmed, or when the robot stands still. A robot may
+    move after a confirmed stop because another program, e.g. an agent with a joystick, goes on
+    sending velocities.
 
     A robot does not stand still while it executes an action, e.g. moves a lift, or a task that may
     drive on by itself, or follows somebody. An action that was executing when the link was lost
@@ -49,7 +52,7 @@ class StopAlarm:
         self._robot = robot
         self._on_answered = on_answered
         self._reason = ""
-        """Why the stop was not confirmed; empty without an alarm."""
+        """Why the robot may move after a stop; empty without an alarm."""
         self._given = -math.inf
         """Loop time at which the last answered stop was given."""
         self._maybe_moving_at = -math.inf
@@ -67,7 +70,7 @@ class StopAlarm:
 
     @property
     def reason(self) -> str:
-        """Why the stop was not confirmed; empty without an alarm.
+        """Why the robot may move after a stop; empty without an alarm.
 
         Reading it ends the alarm if the robot has been seen to stand still for long enough.
         """
@@ -100,8 +103,9 @@ class StopAlarm:
         pose = part_data.pose_data(self._robot.view.info)
         if not self._reason and pose is not None and _SETTLING < since < _WATCH:
             former = self._stopped_pose = self._stopped_pose or pose
-            if _distance(former, pose) > _MOVED:
-                self._reason = _MOVES_ON
+            turned = math.remainder(pose["theta"] - former["theta"], math.tau)
+            if _distance(former, pose) > _MOVED or abs(turned) > _TURNED:
+                self._reason, self._stopped_pose = _MOVES_ON, pose
                 self._restart_standstill()
                 self._on_answered()
         self._check_standstill()

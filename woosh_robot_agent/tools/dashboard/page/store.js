@@ -104,7 +104,7 @@ import { batch, computed, effect, signal } from "./vendor/preact.js";
  * @property {Battery | null} battery
  * @property {Task | null} task the one that runs
  * @property {Order | null} order
- * @property {import("./texts.js").Value} alarm why a stop was not confirmed; empty without an alarm
+ * @property {import("./texts.js").Value} alarm why it may move after a stop; empty without an alarm
  * @property {number | null} speedLimit
  */
 /**
@@ -260,7 +260,7 @@ export const dismissed = state(/** @type {string[]} */ ([]));
 export const unanswered = state(
   /** @type {ReadonlyMap<string, import("./texts.js").Value>} */ (new Map()),
 );
-/** Why a stop of this or another page was not confirmed, by the address of the robot. */
+/** Why a robot may move after a stop of this or another page, by its address. */
 export const alarms = computed(() => {
   const found = new Map(unanswered.value);
   for (const card of fleet.value) if (card.alarm) found.set(card.address, card.alarm);

@@ -5,7 +5,7 @@ import { batch, signal } from "./vendor/preact.js";
 
 /**
  * @typedef {{key: string, values: Record<string, Value>, english?: string}} Text  a text of the dashboard;
- *   with `english`, a sentence of the program, which has it only in English
+ *   `english` is shown if the language has no text of this key
  */
 /** @typedef {string | number | Text} Value  value that can be put into a text */
 

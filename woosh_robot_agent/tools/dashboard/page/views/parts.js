@@ -117,7 +117,7 @@ export function withQuietNumbers(text) {
 }
 
 /**
- * Return the alarm of robots whose stop is not confirmed.
+ * Return the alarm of robots that may move after a stop.
  * @param {string[]} robots addresses
  */
 export function alarmText(robots) {
