@@ -685,7 +685,8 @@ def test_faults_and_obstacles_of_the_simulator(robot: SimulatedPage, browser: Br
     browser.click_at(*_PLACE)
     eventually(lambda: browser.script("mapCanvas.picture().obstacles.length") == 1, "its picture")
     walls = robot.call(lambda s: s.chassis.obstacles.walls)
-    assert walls and all(wall.distance(*_PLACE) < 0.5 for wall in walls)
+    assert walls
+    assert all(wall.distance(*_PLACE) < 0.5 for wall in walls)
     browser.click_at(*_PLACE)
     eventually(lambda: robot.call(lambda s: not s.chassis.obstacles.names), "the end")
     browser.show("go")  # where no tool is marked that puts obstacles
