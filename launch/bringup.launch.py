@@ -36,6 +36,8 @@ def _nodes(context):
     if not with_model:
         text = "robot_state_publisher is not installed, so the model is not published: "
         return [agent, LogInfo(msg=text + given["urdf"])]
+    if not Path(given["urdf"]).is_file():
+        raise ValueError(f"urdf is not a file: {given['urdf']}")
     model = Node(
         package="robot_state_publisher",
         executable="robot_state_publisher",

@@ -53,6 +53,8 @@ def _robots(context):
 
 def fleet(path):
     """Return the arguments of bringup.launch.py for each robot; raise ValueError for a bad file."""
+    if not path.is_file():
+        raise ValueError(f"robots is not a file: {path}")
     robots = yaml.safe_load(path.read_text())
     if not isinstance(robots, dict) or not isinstance(robots.get("robots"), list):
         raise ValueError(f"{path} has no list `robots`; see config/fleet.yaml for an example")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 import re
 import resource
@@ -102,9 +104,12 @@ INTERRUPTED = 130
 def run_program(main: Callable[[], int]) -> int:
     """Run the `main` of a program, and return its exit status.
 
-    Ctrl-C, a missing library and a closed pipe, as with `| head`, end it without a traceback.
-    Import the program inside of `main`, so that this also holds while its modules are loaded.
+    Ctrl-C, a missing library, a closed pipe, as with `| head`, and a full disk under its output end
+    it without a traceback. What the encoding of the output lacks is escaped. Import the program
+    inside of `main`, so that this also holds while its modules are loaded.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         status = main()
         if sys.stdout is not None:
@@ -112,7 +117,11 @@ def run_program(main: Callable[[], int]) -> int:
         return status
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:
+    except OSError as error:
+        if error.filename is not None or error.errno not in (errno.EPIPE, errno.ENOSPC):
+            raise
+        if error.errno == errno.ENOSPC:
+            print(f"error: cannot write the output: {error.strerror}", file=sys.stderr)
         # Python flushes the buffer once more at exit: give it somewhere to go.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1

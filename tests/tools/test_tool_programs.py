@@ -190,7 +190,7 @@ def test_record_works_without_an_agent(run_here, chassis, tmp_path):
     status, out, _ = run_here(record.main, *arguments)
     assert status == 0
     assert out.startswith(f"recording ws://127.0.0.1:{chassis.port} to {path}\n")
-    assert re.search(r"recorded \d+ frames of 1 connections to", out)
+    assert re.search(r"recorded \d+ frames of 1 connection to", out)
     recording = read_recording(path)
     assert recording.damage == ""
     assert "woosh.robot.RobotInfo" in prepare(recording).answers.types
@@ -356,6 +356,23 @@ def test_record_ends_at_its_limit_although_stderr_is_on_a_full_disk(
     ):
         status, _, _ = end(process, None)
     assert status in (1, 120)  # Python's own, if what it has buffered cannot be written
+
+
+def test_a_program_whose_output_is_on_a_full_disk_says_so(chassis: SimulatorThread) -> None:
+    with (
+        Path("/dev/full").open("w") as full,
+        start("monitor", *address(chassis), "--once", stdout=full) as process,
+    ):
+        status, _, err = end(process, None)
+    assert (status, err) == (1, "error: cannot write the output: No space left on device\n")
+
+
+def test_what_the_encoding_of_the_output_lacks_is_escaped(chassis: SimulatorThread) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    with start("monitor", *address(chassis), "--once", env=environment) as process:
+        status, out, err = end(process, None)
+    assert (status, err) == (0, "")
+    assert "\\xb0" in out
 
 
 def test_record_writes_the_address_of_its_proxy_with_brackets(capsys: Any) -> None:

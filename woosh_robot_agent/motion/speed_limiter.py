@@ -162,11 +162,14 @@ class SpeedLimiter:
         """Return True if a command of a client has set a higher limit, or none."""
         if self._limit is None or self._limit == math.inf:
             return False
-        if not isinstance(message, (CallAction, ChangeNavMode)) or not message.HasField("nav_mode"):
+        is_action = isinstance(message, CallAction) and message.HasField("nav_mode")
+        if not (is_action or isinstance(message, ChangeNavMode)):
             return False
         # compare with a request, because the numbers of requests have 32 bits
-        own = _limit_request(self._limit, in_action=isinstance(message, CallAction))
-        return not 0.0 < message.nav_mode.max_speed <= own.nav_mode.max_speed
+        own: Any = _limit_request(self._limit, in_action=is_action)
+        sent: Any = message
+        lowest = own.nav_mode.max_speed
+        return lowest > 0.0 and not 0.0 < sent.nav_mode.max_speed <= lowest
 
     def _begin(self) -> None:
         """Note that a navigation begins: a limit that was sent before must be sent again."""

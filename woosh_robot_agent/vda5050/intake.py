@@ -245,7 +245,8 @@ class Intake:
     def take_order(self, payload: bytes) -> None:
         """Accept or reject an order; ignore one that the vehicle has already."""
         execution, is_3 = self._execution, self._version.is_3
-        may_repeat = not execution.order.is_cancelled  # otherwise, version 3 demands an error
+        # version 3 demands an error for a cancelled one
+        may_repeat = not (is_3 and execution.order.is_cancelled)
         # not parsed: a master control may repeat a large order often
         if may_repeat and payload == self._payload:
             return

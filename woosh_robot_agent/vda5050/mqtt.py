@@ -8,6 +8,7 @@ import logging
 import math
 import os
 import re
+import socket
 import ssl
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -53,6 +54,8 @@ _HINTS = (
     ),
     (ssl.SSLError, "check that the broker speaks TLS on this port"),
     (ConnectionRefusedError, "check that the broker runs, and listens on this port"),
+    (ConnectionResetError, "check that this is the broker's port for mqtt:// or mqtts://"),
+    (socket.gaierror, "check the name of the broker"),
 )
 """Types of errors, and hints what to do; the first type that matches is used."""
 _LOGIN_REFUSED = frozenset({4, 5, 134, 135})
@@ -532,8 +535,12 @@ def broker_config(
         broker = replace(broker, username=options.username)
     if password := environment.get(_PASSWORD_VARIABLE):
         broker = replace(broker, password=password)
-    if broker.read_password() is not None and broker.username is None:
+    password = broker.read_password()
+    if password is not None and broker.username is None:
         raise ValueError("a password needs a user name: --username NAME")
+    if broker.password_file is not None and not broker.password_file.is_file():
+        # e.g. a pipe, which can be read only once
+        broker = replace(broker, password=password, password_file=None)
     files = {"--ca-file": options.ca_file, "--cert-file": options.cert_file}
     files["--key-file"] = options.key_file
     given = [name for name, path in files.items() if path is not None]

@@ -240,6 +240,19 @@ def test_the_places_of_a_goal_are_those_of_the_map_that_the_robot_used(robot: Ro
     assert drives(robot) == [action_pb2.kExecute]
 
 
+def test_no_next_waypoint_is_driven_to_after_an_emergency_stop(robot: Robot) -> None:
+    """Even if the waypoint was reached, and the button released, before the agent heard of it."""
+    goal = driving(robot, "follow_waypoints", poses=[ahead(1.0), ahead(2.0)])
+    stalled = robot.chassis.inject("half_open")
+    hurry(robot.chassis)
+    wait_until(lambda: not navigates(robot), "the first waypoint")
+    robot.chassis.set_emergency_stop(True)
+    robot.chassis.set_emergency_stop(False)
+    stalled.clear()
+    goal.wait_aborted("emergency stop")
+    assert drives(robot) == [action_pb2.kExecute]
+
+
 def test_a_refusal_is_explained(robot: Robot, logs: Logs) -> None:
     """A task of the agent or of another program, such as the VDA 5050 connector, goes on."""
     slow_down(robot.chassis)

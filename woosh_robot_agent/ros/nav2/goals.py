@@ -125,6 +125,8 @@ class Nav2Goal:
         ended: future that is done when the goal has ended.
         started: loop time at which the goal was accepted.
         is_cancelled: True once `stop` was called, even if there was no chassis's goal to cancel.
+        prevention: reason why the goal sends no further command, because the robot obeyed nobody
+            meanwhile; None without one.
     """
 
     def __init__(self, goal: Goal, nav2_action: Nav2Action) -> None:
@@ -136,6 +138,7 @@ class Nav2Goal:
         self.ended: asyncio.Future[None] = loop.create_future()
         self.started = loop.time()
         self.is_cancelled = False
+        self.prevention: GoalEnd | None = None
         self._name = nav2_action.name
         self._goal = goal
         self._feedback_class = nav2_action.action_type.Feedback
@@ -241,6 +244,8 @@ class Nav2Goal:
             FailedCommand: the command has failed.
         """
         self.raise_if_ending()
+        if self.prevention is not None:
+            raise self.prevention
         self._check_map()
         sent = asyncio.get_running_loop().time()
         is_paused = False
@@ -248,7 +253,8 @@ class Nav2Goal:
         def report(message: Message) -> None:
             nonlocal is_paused
             was_paused, is_paused = is_paused, _is_paused(message)
-            if is_paused and not (was_paused or self.is_ending):
+            is_over = self.is_ending or self.ended.done()
+            if is_paused and not (was_paused or is_over):
                 self._log_pause(command, message)
             on_report(message)
 
@@ -456,6 +462,8 @@ class DrivingSlot(Slot):
     def __init__(self, chassis: ChassisClient, gate: MotionGate) -> None:
         super().__init__()
         self._chassis = chassis
+        self._reported = RobotInfo()
+        """What the robot has reported last of its emergency stop and its control mode."""
         gate.on_stop(self._stop_called)
         chassis.on_state(self._link_changed)
         chassis.on_snapshot(self._prevent)
@@ -466,6 +474,8 @@ class DrivingSlot(Slot):
     async def take(self, goal: Nav2Goal) -> None:
         if self._chassis.state is not LinkState.READY:
             raise GoalEnd(_NO_LINK)
+        if self.running and (reason := prevention(self._reported)):  # it may have to wait
+            raise GoalEnd(reason)
         await super().take(goal)
 
     def stop(self, reason: GoalEnd) -> bool:
@@ -487,13 +497,20 @@ class DrivingSlot(Slot):
                     each.stop(GoalEnd(_NO_LINK))
 
     def _prevent(self, info: RobotInfo) -> None:
-        """End goals if a report of the robot says that it obeys no velocity."""
+        """End goals if a report of the robot says that it obeys no velocity.
+
+        A goal whose command the chassis executes ends with this command.
+        """
+        for part in ("device_state", "mode"):
+            if info.HasField(part):
+                getattr(self._reported, part).CopyFrom(getattr(info, part))
         if reason := prevention(info):
             for each in self.running:
+                each.prevention = GoalEnd(reason)
                 is_affected = each.is_paused_by_stop or each.chassis_goal is None
                 # a further cancel could end another task
                 if is_affected and not each.is_cancelled:
-                    each.stop(GoalEnd(reason))
+                    each.stop(each.prevention)
 
 
 def prevention(info: RobotInfo) -> str:

@@ -64,6 +64,8 @@ _MAX_UNANSWERED = 2
 """Number of unanswered queries of a type after which that type is not sent again."""
 _RETRY = 1.0
 """Time until a lost connection is opened again, in seconds."""
+_NEEDED_SPACE = 1 << 20
+"""Space for the results that must be free before a survey begins, in bytes."""
 _CONNECTION_NUMBER = 1
 """Connection number in all frames. A reconnect keeps it, because it repeats no serial number."""
 
@@ -303,7 +305,8 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     """
     with _writing(folder):  # before the survey, which would be lost otherwise
         folder.mkdir(parents=True, exist_ok=True)
-        TemporaryFile(dir=folder).close()
+        with TemporaryFile(dir=folder) as file:
+            file.write(bytes(_NEEDED_SPACE))
     stop = stop_event()
     running_survey = _Survey(config)
     began = time.monotonic()

@@ -317,8 +317,8 @@ def _report_frames(
     """Print the result of the recording of frames; return True if something is missing."""
     if writer.frames:
         print(
-            f"recorded {writer.frames} frames of {writer.connections} connections to "
-            f"{_names(writer.files.paths)}"
+            f"recorded {writer.frames} frames of {writer.connections} connection"
+            f"{'s' * (writer.connections != 1)} to {_names(writer.files.paths)}"
         )
     had_client = bool(writer.connections or writer.refusal)
     if writer.lost:
@@ -357,7 +357,8 @@ def _report_ros(recorder: RosRecorder, namespace: str) -> bool:
 
 
 def _cannot_create(error: OSError) -> str:
-    return f"cannot create {error.filename}: {error.strerror}"
+    remedy = "; choose another name with --output" if isinstance(error, FileExistsError) else ""
+    return f"cannot create {error.filename}: {error.strerror}{remedy}"
 
 
 def _names(paths: Sequence[Path]) -> str:

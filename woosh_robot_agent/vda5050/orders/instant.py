@@ -219,9 +219,9 @@ class InstantActions:
         ended = {ErrorType.INSTANT_ACTION.value} if accepted else set()
         if not accepted.isdisjoint(_MAP_ACTIONS):
             ended.add(ErrorType.DUPLICATE_MAP.value)
-        for error in former:
-            if error.type in ended and error in self.errors:
-                self.errors.remove(error)
+        ended_ids = {id(error) for error in former if error.type in ended}
+        kept = [error for error in self.errors if id(error) not in ended_ids]
+        self.errors = deque(kept, maxlen=_MAX_ERRORS)
 
     def _is_too_many(self, action_type: str) -> bool:
         """Return True if too many actions run, now that an action of this type is among them.
@@ -281,9 +281,10 @@ class InstantActions:
         )
 
     def _add_error(self, error: VehicleError) -> None:
-        """Report an error, unless it is reported already."""
-        if error not in self.errors:
-            self.errors.append(error)
+        """Report an error, once and as the newest if it is reported already."""
+        if error in self.errors:
+            self.errors.remove(error)
+        self.errors.append(error)
 
     def _forget_oldest(self) -> None:
         """Forget the oldest actions that have ended, and the oldest ids, if there are too many."""

@@ -44,7 +44,7 @@ _LOST = Sentence("the robot lost its position, and found it elsewhere")
 _FAR = Sentence("the trajectory of edge {edge} begins {distance} m away")
 _NO_POSITION = "position"
 """Name of the hold of a vehicle that does not know its position."""
-_MAX_COAST = 2.0
+_MAX_COAST = 1.0
 """Maximum way on which the vehicle stops when it has lost its position, in metres."""
 _MAX_APPROACH = 0.5
 """Maximum distance to the start of a trajectory from which the vehicle drives there, in metres."""
