@@ -150,7 +150,7 @@ class Rig:
             BrokenPromiseError: the link thread does not answer.
         """
         try:
-            return self.agent.agent.debug(NEVER)
+            return self.agent.agent.debug()
         except TimeoutError:
             raise BrokenPromiseError("the agent's link thread hangs") from None
 

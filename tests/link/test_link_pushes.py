@@ -271,8 +271,8 @@ async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFi
         await wire.push(CODE, b"\x08\x09")
         await eventually(lambda: seen[-1:] == [9])
         assert client.stats.dropped_pushes[CODE]
-    (logged,) = [each for each in caplog.records if CODE in each.getMessage()]
-    assert logged.levelno == logging.WARNING
+    warnings = [each for each in caplog.records if each.levelno == logging.WARNING]
+    assert len([each for each in warnings if CODE in each.getMessage()]) == 1
 
 
 def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
@@ -283,7 +283,7 @@ def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
         monkeypatch.setattr("time.monotonic", lambda now=now: now)
         drops.warn("things", f"lost at {now}")
     drops.warn("others", "others lost")
-    texts = [each.getMessage() for each in caplog.records]
+    texts = [each.getMessage() for each in caplog.records if each.levelno == logging.WARNING]
     assert texts == ["lost at 1.0", "lost at 9.0", "others lost"]
 
 

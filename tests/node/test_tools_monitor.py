@@ -99,7 +99,7 @@ def test_first_values_changes_and_the_progress_of_an_action_are_shown(
     simulator.push(Battery(power=7))
     watching.wait(lambda view: view.info.battery.power == 7, "the next push")
     asked = {each.type for each in simulator.received}
-    of_the_agent = {"woosh.robot.NavPath"}  # requested by the agent itself
+    of_the_agent = {"woosh.robot.NavPath", "woosh.ros.Feedbacks"}  # requested by the agent itself
     assert asked - of_the_agent == {"woosh.Subscription", "woosh.robot.RobotInfo"}
 
     agent_topic = client.path("ros/StepControl/_action/feedback")

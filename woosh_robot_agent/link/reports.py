@@ -153,7 +153,8 @@ class LogOnce:
         if now - self._latest.get(kind, -math.inf) <= self._quiet:
             level = logging.DEBUG
         self._latest[kind] = now
-        self._logger.log(level, "%s", one_line(text, _LONGEST_LINE))
+        # the place in the log is that of the caller
+        self._logger.log(level, "%s", one_line(text, _LONGEST_LINE), stacklevel=2)
 
     def clear(self, kind: str | None = None) -> None:
         """Forget one kind of problem, or all of them, so that it is logged again."""

@@ -133,7 +133,9 @@ def test_a_silent_dashboard_is_noticed_and_a_stop_without_an_answer_raises_an_al
         assert browser.script("store.held.value === null")
         assert "m/s" not in browser.text("#now")
         browser.element("#stop").click()
-        eventually(lambda: "emergency stop: STOP is not" in browser.text("#alarm"), "the alarm")
+        eventually(
+            lambda: "emergency stop: it may still move" in browser.text("#alarm"), "the alarm"
+        )
         assert "no answer" not in browser.text("#alarm")
         browser.press("#alarm summary")
         assert "Reason: no answer" in browser.text("#alarm")
@@ -267,14 +269,14 @@ def test_a_page_whose_address_is_no_longer_valid_or_may_no_longer_stop_says_so(
     with plain_robot.serving(**options, tokens=tokens) as url:
         eventually(lambda: "open the new address" in window.text("#notice"), "the refusal")
         window.press("#stop")
-        eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
+        eventually(lambda: "may still move" in window.text("#alarm"), "the alarm")
         window.open(url)
     with plain_robot.serving(**options, tokens=tokens, control=False):
         eventually(lambda: "no longer stop" in window.text("#notice"), "the loss of control")
         assert "--control" in window.text("#notice")
         assert not window.elements("#stop, #stick")
         window.actions().send_keys(Keys.ESCAPE).perform()
-        eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
+        eventually(lambda: "may still move" in window.text("#alarm"), "the alarm")
     with plain_robot.serving(**options, tokens=tokens):
         eventually(lambda: window.elements("#stop"), "the control")
         assert "no longer stop" not in window.text("#notice")
@@ -292,7 +294,7 @@ def test_a_restarted_dashboard_is_found_again_and_what_ended_with_the_former_is_
         eventually(lambda: window.script(limit) == 0.1, "the limit")
     eventually(lambda: "No connection to the dashboard" in window.text("#notice"), "the loss")
     window.press("#stop")
-    eventually(lambda: "not confirmed" in window.text("#alarm"), "the alarm")
+    eventually(lambda: "may still move" in window.text("#alarm"), "the alarm")
     window.show("go")
     window.press("#marks li:nth-child(2) button")
     eventually(lambda: "no path" in window.text("#now"), "the preview without a way")
