@@ -58,8 +58,9 @@ async def test_a_removal_that_the_end_of_a_navigation_prevents_is_sent_in_the_ne
         await rig.wire.push(TASK_PROC, navigating(8))
         await eventually(lambda: limits(rig.wire) == [0.3, 0.0, 0.0])
         await eventually(lambda: not limiter.is_limited)
-    assert limited == [True, False, True, False]
-    assert refused == []
+        # later, the end of the link may leave the last limit without an answer
+        assert limited == [True, False, True, False]
+        assert refused == []
 
 
 async def test_a_limit_that_was_not_answered_is_sent_again_during_the_same_drive(
