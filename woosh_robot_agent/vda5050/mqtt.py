@@ -8,7 +8,6 @@ import logging
 import math
 import os
 import re
-import socket
 import ssl
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -55,7 +54,6 @@ _HINTS = (
     (ssl.SSLError, "check that the broker speaks TLS on this port"),
     (ConnectionRefusedError, "check that the broker runs, and listens on this port"),
     (ConnectionResetError, "check that this is the broker's port for mqtt:// or mqtts://"),
-    (socket.gaierror, "check the name of the broker"),
 )
 """Types of errors, and hints what to do; the first type that matches is used."""
 _LOGIN_REFUSED = frozenset({4, 5, 134, 135})
