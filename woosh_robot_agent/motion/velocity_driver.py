@@ -176,8 +176,8 @@ class VelocityDriver:
         self._silenced = ""
         """Reason why velocities are refused until the sender pauses or sends a zero; or empty."""
         self._needs_zero = False
-        """True if the chassis has answered no velocity since the link was lost while one drove the
-        robot, or since it did not answer a zero."""
+        """True if the next link begins with a zero: the link was lost while a velocity drove the
+        robot, or a zero was not answered. The answer to any velocity makes it False."""
         self._wake = asyncio.Event()
         self._wake_time = -math.inf
         """Loop time at which `run` wakes up by itself."""

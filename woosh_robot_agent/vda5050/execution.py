@@ -271,7 +271,7 @@ class Execution:
             yield warning(
                 ErrorType.NOT_AVAILABLE,
                 _WAITS(cause=NO_POSITION()),
-                "place it on the map with initPosition; cancel an order that drives before that",
+                "place it on the map with initPosition; if an order drives, cancel it first",
             )
 
     # Events

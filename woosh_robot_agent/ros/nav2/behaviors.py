@@ -256,6 +256,7 @@ class AssistedTeleop(Nav2Action):
 
     def _other_owner(self) -> str:
         """Return what drives the robot besides this action; empty if nothing does."""
+        # without Nav2's goals: that of this action would keep its driver from the zero after a loss
         owner = self.context.gate.wheel_owner.name
         return owner or ("a goal" if self.context.actions.running_goals else "")
 

@@ -299,12 +299,12 @@ class Nav2Goal:
 
     def _log_pause(self, command: Message, report: Message) -> None:
         """Log that the robot waits, and what to do: nothing else would tell it."""
-        text = getattr(report, "msg", "") or "it does not say why"
+        cause = "it does not say why; perhaps a call of robot/Twist with a zero velocity"
+        text = getattr(report, "msg", "") or cause
         is_task = isinstance(command, ExecTask)
         order = "robot/ActionOrder" if is_task else f"ros/{command.DESCRIPTOR.name}"
         _LOG.warning(
-            "%s: the robot has paused (%s), e.g. because of a zero velocity in a call of "
-            "robot/Twist: resume it by %s with %s, or cancel the goal",
+            "%s: the robot has paused (%s): resume it by %s with %s, or cancel the goal",
             self._name,
             text,
             order,

@@ -60,7 +60,7 @@ _NOT_LOCALIZED = VehicleError(
     "LOCALIZATION_ERROR",
     ErrorLevel.FATAL,
     Sentence("the robot does not know its position")(),
-    "place it on the map with initializePosition; cancel an order that drives before that",
+    "place it on the map with initializePosition; if an order drives, cancel it first",
 )
 
 
