@@ -115,9 +115,11 @@ def test_the_path_begins_at_the_robot_even_where_it_crosses_itself(
     go(browser)
     left = "Number(store.wayLeft.value)"
     first = eventually(lambda: browser.script(left), "the way left")
-    eventually(lambda: 0 < browser.script(left) < first - 1, "less of it")
-    drawn = browser.script("mapCanvas.picture().path[0]")
-    assert math.dist(drawn, (begin["x"], begin["y"])) > 0.5
+    # in one script: between two, on a busy machine, the robot may arrive
+    less = f"0 < {left} && {left} < {first} - 0.2"
+    driven = f"Math.hypot(path[0][0] - {begin['x']}, path[0][1] - {begin['y']}) > 0.5"
+    both = f"(({{path}}) => {less} && {driven})(mapCanvas.picture())"
+    eventually(lambda: browser.script(both), "less of it, drawn from where the robot is")
     robot.inject("lost_localisation")
     eventually(lambda: browser.script("mapCanvas.picture().lost"), "the lost position")
     assert "to go" not in browser.text("#now")
