@@ -7,9 +7,11 @@ from typing import Any
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
 from tests.harness import Client, Logs, Robot, wait_future, wait_until
 from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_msgs.msg import DeviceState
 from woosh_robot_msgs.msg import Twist as TwistMsg
 from woosh_robot_msgs.srv import Twist
 
@@ -86,6 +88,36 @@ def test_velocity_without_a_link_is_refused_and_not_kept(shared_robot: Robot) ->
     robot.chassis.wait_received(ROBOT_INFO, 2)
     wait_until(lambda: robot.call(Twist, "robot/Twist").ok)
     assert set(speeds(robot.chassis)) == {0.0}
+
+
+@pytest.mark.parametrize("what", ["stop", "emergency stop", "control mode"])
+def test_calls_that_go_on_after_an_interruption_move_nothing(robot: Robot, what: str) -> None:
+    """They have to begin anew; so the release of the emergency stop moves nothing."""
+    robot.set_motion_timing(hold=0.0, pause=3600.0)
+    states = robot.echo(DeviceState, "robot/DeviceState")
+    assert wait_future(drive(robot, 0.1)).ok
+    if what == "stop":
+        assert robot.call(Trigger, "stop").success
+        reason = "the robot was stopped"
+    elif what == "control mode":
+        assert robot.command("robot/SwitchControlMode", mode=2).ok
+        reason = "the control mode of the robot has changed"
+    else:
+        reason = "then release the button"
+        robot.chassis.set_emergency_stop(True)
+        states.wait(lambda state: state.hardware)
+        (_zero, pressed) = answers([drive(robot, 0.0), drive(robot, 0.2)])
+        assert reason in pressed.msg
+        states.messages.clear()
+        robot.chassis.set_emergency_stop(False)
+        states.wait(lambda state: not state.hardware)
+    answer = wait_future(drive(robot, 0.2))
+    assert not answer.ok
+    assert reason in answer.msg
+    assert "send a zero velocity, or nothing for 3600 s" in answer.msg
+    assert 0.2 not in speeds(robot.chassis)
+    assert wait_future(drive(robot, 0.0)).ok
+    assert wait_future(drive(robot, 0.2)).ok
 
 
 @pytest.mark.parametrize("linked", [False, True], ids=["without a link", "zero refused"])

@@ -139,9 +139,9 @@ class Agent:
         link_thread = LinkThread(thread, context_of(node.get_logger()))
         self._link_fields = dict(link or {})
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
-        # created first: a push that the first consumer cannot read reaches no other consumer
+        # the first consumer: it reads each push, so that no other one gets an unreadable push
         self._topics = Topics(self.node, link_thread, chassis)
-        # functions, because `self.actions` is created only below
+        # here and below, functions stand for `self.actions`, which is created later
         gate = MotionGate(chassis, self._running_goals)
         last_known = LastKnown(chassis)
         explainer = RefusalExplainer(chassis, last_known)
@@ -158,9 +158,7 @@ class Agent:
             SecondAgentDetector(self.node),
             lambda: self.settings.standard,
         )
-        create_services(
-            self.robot, watch.velocities, lambda: self.settings.standard.velocity_limits
-        )
+        create_services(self.robot, watch, lambda: self.settings.standard.velocity_limits)
         self.actions = Actions(
             self.robot,
             explainer.reason,
