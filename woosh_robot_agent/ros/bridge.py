@@ -138,7 +138,7 @@ class LinkThread:
         Args:
             work: creates the coroutine.
             on_error: called with an exception that the coroutine did not handle, after it has been
-                logged, or with a RuntimeError if the coroutine was cancelled.
+                logged, or with an AgentStoppingError if the coroutine was cancelled.
         """
         self.call(self._spawn, work, on_error)
 

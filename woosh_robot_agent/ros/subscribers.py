@@ -33,7 +33,7 @@ def create_publisher(node: Any, message_class: Any, name: str, profile: QoSProfi
 def publish_readiness(
     chassis: ChassisClient, publisher: Any, message: Callable[[bool], Any]
 ) -> None:
-    """Publish whether the link is ready, on each change; first, before it is started, False.
+    """Publish False now, before the link is started, and each change of whether it is ready.
 
     Args:
         message: returns the message for True or False.
