@@ -199,7 +199,7 @@ class Agent:
         )
 
     def _running_goals(self) -> int:
-        """Return the number of goals that the robot may be executing, or a part of them next."""
+        """Return the number of goals that may drive the robot, even if it is between two parts."""
         return self.actions.running_goals + (self._nav2.driving_goals if self._nav2 else 0)
 
     @property

@@ -296,7 +296,8 @@ class _VelocityHandler(_CommandHandler):
         self._silence.note_received(moves, published)
         if moves:
             self._watch.velocities.note_call(self._endpoint.name, reply.sequence_number)
-            if self._watch.interruptions.is_pressed:  # after a zero or a pause, too
+            # a zero or a pause ends a refusal, but not while the button is pressed
+            if self._watch.interruptions.is_pressed:
                 self._silence.begin(str(EMERGENCY_STOP))
             if self._silence.reason:
                 reply.send(self._response(False, NOT_SENT(reason=self._silence.objection)))

@@ -94,7 +94,7 @@ class CmdVel(Part):
         number, published = info.get(NUMBER), self._clock.of_message(info, taken)
         self._driver.note_number(number)
         values = (velocity.linear.x, velocity.linear.y, velocity.angular.z)
-        # after a zero or a pause, too
+        # a zero or a pause ends a refusal, but not while the button is pressed
         if self._context.watch.interruptions.is_pressed and any(values):
             self._driver.note_received(True, published)
             self._driver.silence(str(EMERGENCY_STOP))

@@ -194,7 +194,7 @@ class Map(Part):
         self._log.clear()
         if info.HasField("scene"):
             self._scene_reported(info.scene)
-        if not self._costs_link:
+        if not self._costs_link:  # otherwise an early request could cost the link again
             self._published = None  # the robot may have made a new map with the same version
             self._request_soon()
 
