@@ -49,7 +49,8 @@ class Pace:
 _LOG = logging.getLogger(__name__)
 _UNUSABLE = Sentence("{field} is {value}, and must be from {least} to {greatest} m/s or rad/s")
 _STOPPED = Sentence("the robot was stopped")()
-_NOT_PERMITTED = Sentence("velocities were not permitted until now")()
+NOT_PERMITTED = Sentence("velocities were not permitted until now")()
+"""Reason of a `Silence` that a client begins while it may not send velocities."""
 _SILENCED = Sentence("{reason}; send a zero velocity, or nothing for {seconds} s")
 _OWNED = Sentence("{owner} is running: cancel it, or set the parameter cmd_vel_override")
 _NO_LINK = Sentence("there is no link to the chassis")()
@@ -274,7 +275,7 @@ class VelocityDriver:
             self._waiting = None
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
-                self._silence(_NOT_PERMITTED)
+                self._silence(NOT_PERMITTED)
             self._log_refusal("not permitted", reason)
         elif moves and self._refusal.reason:  # rule 3
             kind = f"silenced: {self._refusal.reason}"

@@ -28,6 +28,7 @@ from woosh_robot_agent.link.tasks import LARGE, aside, start_task
 from woosh_robot_agent.motion import Sender, Silence, UnusableVelocityError, VelocityLimits
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.motion.timeliness import SenderClock
+from woosh_robot_agent.motion.velocity_driver import NOT_PERMITTED
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.robot.readiness import EMERGENCY_STOP
 from woosh_robot_agent.robot.watch import Watch
@@ -299,7 +300,9 @@ class _VelocityHandler(_CommandHandler):
             # a zero or a pause ends a refusal, but not while the button is pressed
             if self._watch.interruptions.is_pressed:
                 self._silence.begin(str(EMERGENCY_STOP))
-            if self._silence.reason:
+            if self._robot.chassis.refusal(message):  # the gate refuses it, and tells why
+                self._silence.begin(NOT_PERMITTED)
+            elif self._silence.reason:
                 reply.send(self._response(False, NOT_SENT(reason=self._silence.objection)))
                 return
         try:
