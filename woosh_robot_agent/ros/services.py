@@ -275,8 +275,8 @@ class _CommandHandler:
 class _VelocityHandler(_CommandHandler):
     """Handler of robot/Twist, whose velocities obey `limits`.
 
-    After a stop or an interruption, they are refused until a client sends a zero, or none does for
-    a while: the calls that a program repeats must not move the robot again.
+    After a stop or an interruption, they are refused until a client sends a zero, or none calls for
+    a while: a program that simply repeats its calls must not move the robot again.
     """
 
     def __init__(

@@ -251,7 +251,8 @@ class Actions:
         if self._is_stopping:
             run.abort(STOPPING)
             return run
-        # not in `run`, which begins later before Python 3.12: the next goal has to count this one
+        # here, because the next goal counts the open ones, perhaps before `run` begins (in Python
+        # before 3.12)
         context.open_goals.append(run)
         task = start_task(run.run(), name=f"goal: {run.name}")
         self._runs[task] = run

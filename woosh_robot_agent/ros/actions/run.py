@@ -215,7 +215,7 @@ class GoalRun:
                 return await self._send_order(request)
             return await self._follow(request)
         except _RefusedError as error:
-            # now, because older goals wait for this, and the explanation takes a while
+            # decides `accepted` now: older goals wait for it, and the explanation takes a while
             self._advance(Step.END)
             reason = await self._context.explain(self._kind.request_type)
             text = f"{error} ({reason})" if reason else str(error)
