@@ -115,9 +115,9 @@ class VelocityLimits:
 
 
 class Silence:
-    """A refusal of velocities until their sender sends a zero, or nothing for a while.
+    """A refusal of velocities until their sender sends a zero, or nothing for `MotionTiming.pause`.
 
-    That while is `MotionTiming.pause`. A stop of the robot begins such a refusal.
+    A stop of the robot begins it; `begin` does so for any other reason.
 
     Attributes:
         reason: why velocities are refused; empty if they are not.

@@ -1,4 +1,4 @@
-"""The observers of one robot: they log and explain, e.g. why a command was refused."""
+"""The observers of one robot: they log, explain and warn, e.g. why a command was refused."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from woosh_robot_agent.robot.who_drives import VelocitySources, WhoDrives
 
 
 class Interruptions:
-    """Tells when the emergency stop or the control mode interrupts what velocities drive.
+    """Tells when the emergency stop is pressed, and when the control mode changes.
 
-    The velocities that a sender repeats must not move the robot when the interruption ends.
+    A sender that simply repeats its velocities must not move the robot after that.
 
     Attributes:
         is_pressed: True if the robot reports that its emergency stop is pressed.
