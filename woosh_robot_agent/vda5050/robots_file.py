@@ -113,10 +113,10 @@ def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
         one, two = robot.link, other.link
         # ports 0 are equal here, although they stand for a different port with each transport
         same_port = one.port == two.port or one.effective_port == two.effective_port
-        if same_port and (one.ip, one.robot_id) == (two.ip, two.robot_id):
+        if same_port and one.ip == two.ip:  # whatever their `robot_id`, which cancels do not carry
             raise ValueError(
                 f"it has the address of robot {other.name}, {robot.link.address}; give each its "
-                "own ip, port or robot_id"
+                "own ip or port"
             )
         if robot.serial_number and other.serial_number == robot.serial_number:
             raise ValueError(f"it has the serial_number of robot {other.name}")
