@@ -272,7 +272,7 @@ class Reply:
         for field in ("msg", "message"):  # of the robot's services, and of Trigger
             if hasattr(response, field):
                 setattr(response, field, text)
-        if hasattr(response, "RESULT_UNDEFINED_FAILURE"):  # Nav2's LoadMap: 0 is a success
+        if hasattr(response, "RESULT_UNDEFINED_FAILURE"):  # Nav2's LoadMap; the default is success
             response.result = response.RESULT_UNDEFINED_FAILURE
         return response
 

@@ -191,7 +191,7 @@ class Attribution:
         self._repeats_ends = repeats_ends
         self._previous = previous
         self._was_polled = False
-        """True once the answer to a poll has had an end since this goal was accepted."""
+        """True once a poll's answer has contained an end since this goal was accepted."""
 
     def attribute(self, outcome: Outcome | None, phase: Phase, *, cancel_requested: bool) -> bool:
         """Decide if a report belongs to this goal; return True if it does.

@@ -91,7 +91,7 @@ class _TasksGoal(ABC):
         # `current` is a parameter for mypy, which knows that `task` is a TaskProc only out here
         def history_received(answer: Answer, current: TaskProc = task) -> None:
             ended = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
-            # a later one is from before the robot's clock was set back
+            # an end later than the current report is from before the robot's clock was set back
             latest = current.time or math.inf
             on_result(self._read_history([old for old in ended if old.time <= latest], current))
 
