@@ -84,8 +84,8 @@ def test_robot_names_may_be_relative_or_absolute() -> None:
 def test_the_example_file_works(tmp_path: Path, chassis: dict[str, SimulatorThread]) -> None:
     """config/robots.yaml, with the ports of the chassis."""
     text = (Path(__file__).parents[3] / "config/robots.yaml").read_text()
-    for wanted, robot in (("5480", "/r1"), ("5490", "/r2")):
-        text, found = re.subn(rf"\bport: {wanted}\b", f"port: {chassis[robot].port}", text)
+    for wanted, each in zip(("5480", "5490"), chassis.values(), strict=True):
+        text, found = re.subn(rf"\bport: {wanted}\b", f"port: {each.port}", text)
         assert found == 1
     file = tmp_path / "robots.yaml"
     file.write_text(text)
