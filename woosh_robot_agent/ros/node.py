@@ -157,6 +157,7 @@ class Agent:
             watch,
             SecondAgentDetector(self.node),
             lambda: self.settings.standard,
+            lambda command, **options: self.actions.start(command, **options),
         )
         create_services(self.robot, watch, lambda: self.settings.standard.velocity_limits)
         self.actions = Actions(
@@ -252,7 +253,6 @@ class Agent:
 
     def destroy(self) -> None:
         """Destroy the node, after `stop_all`."""
-        self._standard.close()
         self.node.destroy_node()
 
     async def _close(self) -> None:
