@@ -147,7 +147,7 @@ class Silence:
             published: loop time (monotonic) at which the sender published it; by default now.
         """
         now = asyncio.get_running_loop().time()
-        # while this process stood still, it received nothing, even if the sender went on
+        # during a stall, this process received nothing, even if the sender went on
         silent_since, self._received = max(self._received, self._gate.stall_ended), now
         has_paused = min(published, now) - silent_since > self._gate.timing.pause
         if not moves or has_paused:
@@ -297,7 +297,7 @@ class VelocityDriver:
             self._send_or_wait(now)
 
     def note_number(self, number: int | None) -> None:
-        """Note the number of the velocity that comes now: without gaps, nothing was lost before it.
+        """Note the number of a velocity before it is processed: a gap shows that others were lost.
 
         Args:
             number: the number that its sender gave it, in ascending order; None without numbers.
