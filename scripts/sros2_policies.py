@@ -50,8 +50,6 @@ _QUERIES += _standard_names(Kind.READING_SERVICE)
 _COMMANDS = [each.name for each in COMMANDS if not each.reads]
 _COMMANDS += _standard_names(Kind.SERVICE)
 _ACTIONS = [each.name for each in ACTIONS] + _standard_names(Kind.ACTION)
-_OWN_ACTIONS = ("ros/MoveBase",)
-"""Actions that the agent calls itself: a message on goal_pose becomes a goal."""
 
 
 def agent_policy(namespace: str = NAMESPACE, *, sim_time: bool = False) -> str:
@@ -73,7 +71,6 @@ def agent_policy(namespace: str = NAMESPACE, *, sim_time: bool = False) -> str:
     )
     profile.allow("services", "reply", (_absolute(prefix, name) for name in services))
     profile.allow("actions", "execute", (_absolute(prefix, name) for name in _ACTIONS))
-    profile.allow("actions", "call", (_absolute(prefix, name) for name in _OWN_ACTIONS))
     return profile.policy(f"{prefix}/agent")
 
 

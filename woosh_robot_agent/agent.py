@@ -29,7 +29,7 @@ A signal does not interrupt rclpy's wait. The link thread is notified at once, t
 _CLOSE_SPIN_TIMEOUT = 0.05
 """Duration of one executor turn while the agents close, in seconds."""
 _FAILED = 2
-"""Exit status of an agent that could not start."""
+"""Exit status after an error that a restart does not mend, so that systemd does not restart it."""
 _HELP = """\
 usage: agent [-h] [--version] [--ros-args ...]
 
@@ -120,7 +120,7 @@ def _run(args: list[str], signals: StopSignals) -> int:
             RCLError,
         ) as error:
             print("agent:", *error_text(error).split(), file=sys.stderr)  # on one line
-            # an error of the middleware may pass, e.g. if the network is not there yet
+            # 1: a restart may help after an error of the middleware, e.g. if the network was down
             return 1 if isinstance(error, RCLError) and rclpy.ok() else _FAILED
         except UnknownROSArgsError as error:  # its text is the list of the arguments
             print(f"agent: unknown arguments after --ros-args: {error}", file=sys.stderr)

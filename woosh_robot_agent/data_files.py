@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import reprlib
 import types
 import typing
@@ -106,6 +107,37 @@ def load_json(name: str, data: bytes, max_bytes: int = _MAX_BYTES) -> Any:
         return json.loads(data)
     except (ValueError, RecursionError) as error:
         raise DataFileError(f"{name}: not readable as JSON: {error}") from error
+
+
+_WILDCARDS = {"*": "/[^/]+", "**": "(/[^/]+)*"}
+"""Wildcards in the node names of a ROS parameter file, as regular expressions."""
+
+
+def parameter_sections(content: Any, node: str) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+    """Yield each section of a ROS parameter file that is for a node.
+
+    A section is yielded as the keys that lead to it, and its parameters. If several sections set a
+    parameter, ROS takes the value in the last one.
+
+    Args:
+        content: content of the file. Names of nodes in it may be nested, or contain slashes.
+        node: name of the node with its namespace.
+    """
+    for keys, parameters in _sections(content):
+        parts = [part for key in keys for part in key.strip("/").split("/")]
+        if re.fullmatch("".join(_WILDCARDS.get(p, f"/{re.escape(p)}") for p in parts), node):
+            yield keys, parameters
+
+
+def _sections(
+    content: Any, above: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+    """Yield all sections of the content; `above` has the keys that lead to the content."""
+    for key, value in content.items() if isinstance(content, dict) else ():
+        if key != "ros__parameters":
+            yield from _sections(value, (*above, str(key)))
+        elif isinstance(value, dict):
+            yield above, value
 
 
 _SOURCE = "source"

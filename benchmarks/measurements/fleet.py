@@ -134,12 +134,11 @@ class Fleet:
 
     def _shared_command(self, names: list[str]) -> list[str]:
         """Return the command of one agent process for several robots."""
-        address = {"ip": "127.0.0.1", "port": self._port}
         common = {"robots": [f"/{name}" for name in names], **self._options.agent_parameters}
-        sections: dict[str, dict[str, object]] = {"/**": common}
+        sections: dict[str, dict[str, object]] = {"/**": common | {"port": self._port}}
         for number, name in enumerate(names, start=1):
-            # the agent refuses two robots with the same address and robot_id
-            sections[f"/{name}/agent"] = {**address, "robot_id": number}
+            # the agent refuses two robots with the same address
+            sections[f"/{name}/agent"] = {"ip": f"127.0.0.{number}"}
         folder = self._stack.enter_context(tempfile.TemporaryDirectory())
         file = Path(folder, "fleet.yaml")
         content = {node: {"ros__parameters": each} for node, each in sections.items()}

@@ -348,7 +348,8 @@ async def main() -> None:
     options = parser.parse_args()
     chassis = BenchChassis(options.beams, options.map)
     serve = serve_tcp if options.transport == "tcp" else serve_websocket
-    listener = await serve(chassis.serve, "127.0.0.1", 0, max_size=2**26)
+    # robots of one process need different addresses: 127.0.0.1, 127.0.0.2, ...
+    listener = await serve(chassis.serve, "0.0.0.0", 0, max_size=2**26)
     print(listener.port, flush=True)
     lines = asyncio.StreamReader()
     loop = asyncio.get_running_loop()

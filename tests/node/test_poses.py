@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import pytest
-from action_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger
 
@@ -75,33 +74,27 @@ class TestInitialpose:
 
 
 class TestGoalPose:
-    @pytest.fixture
-    def statuses(self, client) -> Any:
-        return client.echo(GoalStatusArray, "ros/MoveBase/_action/status")
-
-    def test_it_drives_there_and_the_next_goal_replaces_it(self, simulator, sender, statuses, logs):
+    def test_it_drives_there_and_the_next_goal_replaces_it(self, simulator, sender, logs):
         sender.goal_pose(-8.0, 8.0, 0.5)
         simulator.wait_received(CALL_ACTION)
         sender.goal_pose(5.0, -6.8, 0.5)
         wait_until(lambda: at(simulator, 5.0, -6.8, 0.5))
-        ended = {GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_SUCCEEDED}
-        statuses.wait(lambda m: {s.status for s in m.status_list} == ended)
         logs.wait(lambda r: r.getMessage() == "goal_pose was reached")
         assert not any("replaced" in each.getMessage() for each in logs.messages)
         sender.goal_pose(500.0, 0.0, 0.0)
         logs.wait(lambda r: r.getMessage().startswith("goal_pose was not reached: no "))
 
-    def test_cancel_ends_it(self, simulator, sender, client, statuses):
+    def test_cancel_ends_it(self, simulator, sender, client):
         assert not client.call(Trigger, "cancel").success
         sender.goal_pose(-8.0, 8.0, 0.5)
         simulator.wait_received(CALL_ACTION)
         assert client.call(Trigger, "cancel").success
-        statuses.wait(lambda m: m.status_list[-1].status == GoalStatus.STATUS_CANCELED)
         wait_until(lambda: not client.call(Trigger, "cancel").success)
+        wait_until(lambda: simulator.state.velocity.forward == 0)
 
     @pytest.mark.parametrize("is_cancelled", [True, False])
     def test_a_goal_whose_successor_was_refused_can_be_cancelled_and_its_failure_is_logged(
-        self, simulator, sender, client, statuses, logs, is_cancelled
+        self, simulator, sender, client, logs, is_cancelled
     ):
         sender.goal_pose(-8.0, 8.0, 0.5)
         simulator.wait_received(CALL_ACTION)
@@ -110,7 +103,7 @@ class TestGoalPose:
         logs.wait_text("goal_pose was not reached: not there")
         if is_cancelled:
             assert client.call(Trigger, "cancel").success
-            statuses.wait(lambda m: m.status_list[0].status == GoalStatus.STATUS_CANCELED)
+            wait_until(lambda: not client.call(Trigger, "cancel").success)
         else:
             logs.messages.clear()
             simulator.set_emergency_stop(True)

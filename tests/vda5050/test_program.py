@@ -45,7 +45,7 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
         """
         /**: {ros__parameters: {robots: [hall/r1, r2, r3], ip: gateway, connect_timeout: 20}}
         /hall/*/agent: {ros__parameters: {robot_id: 7}}
-        /r2/agent: {ros__parameters: {robot_id: 8, transport: tcp, serial_number: 17}}
+        /r2/agent: {ros__parameters: {port: 7, transport: tcp, serial_number: 17}}
         /r3/agent: {ros__parameters: {poll_timeout: 2500}}
         r3: {agent: {ros__parameters: {ip: 10.0.0.3}}}
         /r3/other: {ros__parameters: {ip: 10.0.0.4}}
@@ -57,7 +57,7 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
     common = {"encoding": "protobuf", **timeouts}
     assert {each.name: each.link for each in robots} == {
         "hall/r1": LinkConfig(ip="gateway", robot_id=7, **common),  # type: ignore[arg-type]
-        "r2": LinkConfig(ip="gateway", robot_id=8, transport="tcp", **common),  # type: ignore[arg-type]
+        "r2": LinkConfig(ip="gateway", port=7, transport="tcp", **common),  # type: ignore[arg-type]
         "r3": LinkConfig(ip="10.0.0.3", **common | {"request_timeout": 2.5}),  # type: ignore[arg-type]
     }
     assert robots[1].serial_number == "17"
@@ -75,7 +75,11 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
             "/**: {ros__parameters: {robots: [a], ip: host, poll_timeout: soon}}",
             "robot a: its poll_timeout: must be a number",
         ),
-        ("/**: {ros__parameters: {robots: [a, b], ip: host}}", "robot b: it has the address of"),
+        (
+            "/**: {ros__parameters: {robots: [a, b], ip: host}}\n"
+            "/b/agent: {ros__parameters: {robot_id: 8}}",
+            "robot b: it has the address of",
+        ),
         ("/**: {ros__parameters: {robots: [a, /a], ip: host}}", "its own name"),
     ],
 )

@@ -17,6 +17,7 @@ from woosh_robot_agent.motion.speed_limiter import SpeedLimiter
 from woosh_robot_agent.motion.timeliness import MotionTiming
 from woosh_robot_agent.motion.velocity_driver import (
     MAX_VELOCITY,
+    Silence,
     UnusableVelocityError,
     VelocityDriver,
     VelocityLimits,
@@ -28,6 +29,7 @@ __all__ = [
     "MotionGate",
     "MotionTiming",
     "Sender",
+    "Silence",
     "SpeedLimiter",
     "StopReport",
     "UnusableVelocityError",

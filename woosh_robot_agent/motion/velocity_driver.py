@@ -49,7 +49,8 @@ class Pace:
 _LOG = logging.getLogger(__name__)
 _UNUSABLE = Sentence("{field} is {value}, and must be from {least} to {greatest} m/s or rad/s")
 _STOPPED = Sentence("the robot was stopped")()
-_NOT_PERMITTED = Sentence("velocities were not permitted until now")()
+NOT_PERMITTED = Sentence("velocities were not permitted until now")()
+"""Reason of a `Silence` that a client begins while it may not send velocities."""
 _SILENCED = Sentence("{reason}; send a zero velocity, or nothing for {seconds} s")
 _OWNED = Sentence("{owner} is running: cancel it, or set the parameter cmd_vel_override")
 _NO_LINK = Sentence("there is no link to the chassis")()
@@ -113,6 +114,50 @@ class VelocityLimits:
         )
 
 
+class Silence:
+    """A refusal of velocities until their sender sends a zero, or nothing for `MotionTiming.pause`.
+
+    A stop of the robot begins it; `begin` does so for any other reason.
+
+    Attributes:
+        reason: why velocities are refused; empty if they are not.
+    """
+
+    def __init__(self, gate: MotionGate) -> None:
+        self.reason = ""
+        self._gate = gate
+        self._received = -math.inf
+        """Loop time of the last velocity that was received, or is known to be lost."""
+        gate.on_stop(partial(self.begin, _STOPPED))
+
+    def begin(self, reason: str) -> None:
+        """Refuse velocities for `reason` from now on."""
+        self.reason = reason
+
+    @property
+    def objection(self) -> str:
+        """The reason, and what ends the refusal; only while there is a reason."""
+        return _SILENCED(reason=self.reason, seconds=f"{self._gate.timing.pause:g}")
+
+    def note_received(self, moves: bool, published: float = math.inf) -> None:
+        """Note that a velocity came, even one that is not used; it may end the refusal.
+
+        Args:
+            moves: True if it is not zero.
+            published: loop time (monotonic) at which the sender published it; by default now.
+        """
+        now = asyncio.get_running_loop().time()
+        # during a stall, this process received nothing, even if the sender went on
+        silent_since, self._received = max(self._received, self._gate.stall_ended), now
+        has_paused = min(published, now) - silent_since > self._gate.timing.pause
+        if not moves or has_paused:
+            self.reason = ""
+
+    def note_lost(self) -> None:
+        """Note that a velocity was lost, so that its sender has not paused."""
+        self._received = asyncio.get_running_loop().time()
+
+
 class VelocityDriver:
     """Drives the robot by a stream of velocities. Used in the event loop of the link.
 
@@ -165,16 +210,14 @@ class VelocityDriver:
         the timeout of the stream."""
         self._waiting: Twist | None = None
         """The velocity to send next."""
-        self._received = -math.inf
-        """Loop time of the last velocity that was received, or is known to be lost."""
         self._number = 0
         """Number of the last velocity; 0 without one."""
         self._published = -math.inf
         """Loop time at which the sender published the last accepted velocity."""
         self._pace = Pace()
         """Loop times at which velocities may be sent."""
-        self._silenced = ""
-        """Reason why velocities are refused until the sender pauses or sends a zero; or empty."""
+        self._refusal = Silence(gate)
+        """Refuses velocities until the sender pauses or sends a zero (rule 3)."""
         self._needs_zero = False
         """True if the next link begins with a zero: the link was lost while a velocity drove the
         robot, or a zero was not answered. The answer to any velocity makes it False."""
@@ -182,7 +225,7 @@ class VelocityDriver:
         self._wake_time = -math.inf
         """Loop time at which `run` wakes up by itself."""
         self._requests: set[asyncio.Task[None]] = set()
-        gate.on_stop(partial(self._silence, _STOPPED))
+        gate.on_stop(self._drop)
         gate.on_answered(self._answered)
         chassis.on_state(self._link_changed)
         gate.wheel_owner.on_known(self._owner_known)
@@ -232,12 +275,11 @@ class VelocityDriver:
             self._waiting = None
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
-                self._silence(_NOT_PERMITTED)
+                self._silence(NOT_PERMITTED)
             self._log_refusal("not permitted", reason)
-        elif moves and self._silenced:  # rule 3
-            pause = f"{self._gate.timing.pause:g}"
-            kind = f"silenced: {self._silenced}"
-            self._log_refusal(kind, _SILENCED(reason=self._silenced, seconds=pause))
+        elif moves and self._refusal.reason:  # rule 3
+            kind = f"silenced: {self._refusal.reason}"
+            self._log_refusal(kind, self._refusal.objection)
         elif moves and (owner := self._owner):  # rule 2
             self._log_refusal("owner", _OWNED(owner=owner))
         elif self._chassis.state is not LinkState.READY:  # rule 5
@@ -255,31 +297,22 @@ class VelocityDriver:
             self._send_or_wait(now)
 
     def note_number(self, number: int | None) -> None:
-        """Note the number of the velocity that comes now: without gaps, nothing was lost before it.
+        """Note the number of a velocity before it is processed: a gap shows that others were lost.
 
         Args:
             number: the number that its sender gave it, in ascending order; None without numbers.
         """
         number = number or 0
-        if 0 < self._number < number - 1:  # what was lost was no pause
-            self._received = asyncio.get_running_loop().time()
+        if 0 < self._number < number - 1:
+            self._refusal.note_lost()
         self._number = number
 
     def note_received(self, moves: bool, published: float = math.inf) -> None:
-        """Note that a velocity of the stream came, even one that is not used, for rule 3.
+        """Note that a velocity of the stream came, as `Silence.note_received`.
 
         `drive` and `refuse` do so by themselves.
-
-        Args:
-            moves: True if it is not zero.
-            published: loop time (monotonic) at which the sender published it; by default now.
         """
-        now = asyncio.get_running_loop().time()
-        # while this process stood still, it received nothing, even if the sender went on
-        silent_since, self._received = max(self._received, self._gate.stall_ended), now
-        has_paused = min(published, now) - silent_since > self._gate.timing.pause
-        if not moves or has_paused:
-            self._silenced = ""
+        self._refusal.note_received(moves, published)
 
     def refuse(self, kind: str, reason: str, published: float = math.inf) -> None:
         """Refuse a velocity that would move the robot, for a reason of the caller.
@@ -308,7 +341,7 @@ class VelocityDriver:
         Does nothing while rule 3 refuses velocities: the stream does not drive the robot then, and
         a zero would end the refusal.
         """
-        if not self._silenced:
+        if not self._refusal.reason:
             self.drive(0.0, 0.0, 0.0)
 
     def _log_refusal(self, kind: str, reason: str) -> None:
@@ -388,7 +421,11 @@ class VelocityDriver:
 
     def _silence(self, reason: str) -> None:
         """Drop the velocity that waits; refuse others until their sender pauses or sends a zero."""
-        self._silenced = reason
+        self._refusal.begin(reason)
+        self._drop()
+
+    def _drop(self) -> None:
+        """Drop the velocity that waits; no velocity of this stream drives the robot any more."""
         self._waiting = None
         self._driving = False
         self._wake.set()

@@ -138,7 +138,7 @@ class LinkThread:
         Args:
             work: creates the coroutine.
             on_error: called with an exception that the coroutine did not handle, after it has been
-                logged, or with a RuntimeError if the coroutine was cancelled.
+                logged, or with an AgentStoppingError if the coroutine was cancelled.
         """
         self.call(self._spawn, work, on_error)
 
@@ -272,7 +272,7 @@ class Reply:
         for field in ("msg", "message"):  # of the robot's services, and of Trigger
             if hasattr(response, field):
                 setattr(response, field, text)
-        if hasattr(response, "RESULT_UNDEFINED_FAILURE"):  # Nav2's LoadMap: 0 is a success
+        if hasattr(response, "RESULT_UNDEFINED_FAILURE"):  # Nav2's LoadMap; the default is success
             response.result = response.RESULT_UNDEFINED_FAILURE
         return response
 

@@ -294,7 +294,9 @@ class _IdleThread:
         self._lock = lock
         self._executor_guard = executor_guard
         self._guard = GuardCondition(None, None, context)
+        """Ends the wait of this thread."""
         self._watched: list[Watched] = []
+        """The idle entities."""
         self.reported: list[Watched] = []
         self._thread: threading.Thread | None = None
         self._is_closed = False

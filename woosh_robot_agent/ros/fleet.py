@@ -157,15 +157,13 @@ def _check_compatible(nodes: Sequence[ParameterNode]) -> None:
     """Check parameters that are valid for each robot alone but not together in one process.
 
     Raises:
-        ValueError: two robots connect to the same chassis.
+        ValueError: two robots have the same address. Their `robot_id` does not tell them apart,
+            because velocities and cancels carry none.
     """
-    for one, other in _duplicates(
-        nodes, lambda s: (s.link.ip, s.link.effective_port, s.link.robot_id)
-    ):
+    for one, other in _duplicates(nodes, lambda s: (s.link.ip, s.link.effective_port)):
         raise ValueError(
-            f"robots {one.get_namespace()} and {other.get_namespace()} connect to the same chassis "
-            f"({other.settings.link.address}); give each its own ip, port or robot_id in the "
-            "parameter file"
+            f"robots {one.get_namespace()} and {other.get_namespace()} have the same address "
+            f"({other.settings.link.address}); give each its own ip or port in the parameter file"
         )
     for one, other in _duplicates(nodes, lambda s: s.standard.frame_prefix):
         other.get_logger().warning(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +15,8 @@ from ament_index_python import packages
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from woosh_robot_agent.data_files import parameter_sections
 
 PACKAGE = "woosh_robot_agent"
 DESCRIPTIONS = {
@@ -39,8 +40,6 @@ _LAUNCH_ARGUMENTS = {
 """Arguments that `launch` itself takes from the command line."""
 _PARAMETERS = ("ip", "port", "frame_prefix", "nav2")
 """Arguments that are parameters of the agent. Empty ones are not set."""
-_WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
-"""Wildcards in the node names of a parameter file, as regular expressions."""
 
 
 def share(*parts: str) -> Path:
@@ -140,22 +139,22 @@ def parameter_of_file(arguments: Mapping[str, str], parameter: str) -> Any:
         ValueError: the file does not exist, or it is not valid YAML.
     """
     found = None
-    for _, values in _agent_sections(arguments):  # as in ROS, the last matching section wins
-        found = (values or {}).get(parameter, found)
+    for _keys, values in _agent_sections(arguments):  # as in ROS, the last section wins
+        found = values.get(parameter, found)
     return found
 
 
 def _parameters(
     arguments: Mapping[str, str], overrides: Mapping[str, object]
 ) -> list[str | Mapping[str, object]]:
-    """Return the parameter file, and what overrides it, also the section of a single node.
+    """Return what a launch file passes to the agent: the parameter file, and what overrides it.
 
-    launch_ros writes overrides into the section of all nodes, which ROS merges with the file's own
-    one: a later section of the agent would win, and with its `ip` a simulation would drive a real
-    robot.
+    launch_ros passes the overrides in the section `/**`. A section of the agent in the file would
+    win over that one: with its `ip`, a simulation would drive a real robot. Therefore another file
+    repeats the overrides in each section that the parameter file has for the agent.
     """
     sections: dict[str, Any] = {}
-    for keys, _ in _agent_sections(arguments):
+    for keys, _values in _agent_sections(arguments):
         below = sections
         for key in keys:
             below = below.setdefault(key, {})
@@ -171,8 +170,8 @@ def _parameters(
 
 def _agent_sections(
     arguments: Mapping[str, str],
-) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any] | None]]:
-    """Yield the keys and the parameters of each section of the file that is for the agent."""
+) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+    """Return the sections of the parameter file that are for the agent."""
     path = Path(arguments["params_file"])
     if not path.is_file():  # the agent would start without it
         raise ValueError(f"params_file is not a file: {path}")
@@ -181,19 +180,7 @@ def _agent_sections(
     except (ValueError, yaml.YAMLError) as error:
         raise ValueError(f"params_file {path} is not valid YAML: {error}") from None
     agent = f"/{arguments['namespace'].strip('/')}/agent".replace("//", "/")
-    for keys, values in _sections(tree):
-        parts = [part for key in keys for part in key.strip("/").split("/")]
-        if re.fullmatch("".join(_WILDCARDS.get(p, f"/{re.escape(p)}") for p in parts), agent):
-            yield keys, values
-
-
-def _sections(tree: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Yield the keys and the parameters of each section of a parameter file."""
-    for key, below in tree.items() if isinstance(tree, dict) else ():
-        if key == "ros__parameters":
-            yield above, below
-        else:
-            yield from _sections(below, (*above, str(key)))
+    return parameter_sections(tree, agent)
 
 
 def port_number(text: str) -> int:

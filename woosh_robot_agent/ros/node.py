@@ -139,9 +139,9 @@ class Agent:
         link_thread = LinkThread(thread, context_of(node.get_logger()))
         self._link_fields = dict(link or {})
         chassis = ChassisClient(config=self._link_config(), minimum_timeouts=minimum_timeouts())
-        # created first: a push that the first consumer cannot read reaches no other consumer
+        # the first consumer: it reads each push, so that no other one gets an unreadable push
         self._topics = Topics(self.node, link_thread, chassis)
-        # functions, because `self.actions` is created only below
+        # here and below, functions stand for `self.actions`, which is created later
         gate = MotionGate(chassis, self._running_goals)
         last_known = LastKnown(chassis)
         explainer = RefusalExplainer(chassis, last_known)
@@ -157,10 +157,9 @@ class Agent:
             watch,
             SecondAgentDetector(self.node),
             lambda: self.settings.standard,
+            lambda command, **options: self.actions.start(command, **options),
         )
-        create_services(
-            self.robot, watch.velocities, lambda: self.settings.standard.velocity_limits
-        )
+        create_services(self.robot, watch, lambda: self.settings.standard.velocity_limits)
         self.actions = Actions(
             self.robot,
             explainer.reason,
@@ -201,7 +200,7 @@ class Agent:
         )
 
     def _running_goals(self) -> int:
-        """Return the number of goals that the robot may be executing, or a part of them next."""
+        """Return the number of goals that may drive the robot, even if it is between two parts."""
         return self.actions.running_goals + (self._nav2.driving_goals if self._nav2 else 0)
 
     @property
@@ -254,7 +253,6 @@ class Agent:
 
     def destroy(self) -> None:
         """Destroy the node, after `stop_all`."""
-        self._standard.close()
         self.node.destroy_node()
 
     async def _close(self) -> None:

@@ -22,16 +22,19 @@ from woosh_robot_agent.link import (
     LinkError,
     TooManyRequestsError,
 )
-from woosh_robot_agent.link.protos import message_type
+from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.link.tasks import LARGE, aside, start_task
-from woosh_robot_agent.motion import Sender, UnusableVelocityError, VelocityLimits
+from woosh_robot_agent.motion import Sender, Silence, UnusableVelocityError, VelocityLimits
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.motion.timeliness import SenderClock
+from woosh_robot_agent.motion.velocity_driver import NOT_PERMITTED
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
-from woosh_robot_agent.robot.who_drives import VelocitySources
+from woosh_robot_agent.robot.readiness import EMERGENCY_STOP
+from woosh_robot_agent.robot.watch import Watch
 from woosh_robot_agent.ros.bridge import DeferredService, Reply
 from woosh_robot_agent.ros.context import RobotContext
+from woosh_robot_agent.sentences import NOT_SENT
 
 _LOG = logging.getLogger(__name__)
 _LIMITED = "the velocity was limited by cmd_vel_max_linear or cmd_vel_max_angular"
@@ -41,18 +44,21 @@ long."""
 
 
 def create_services(
-    robot: RobotContext, velocities: VelocitySources, limits: Callable[[], VelocityLimits]
+    robot: RobotContext, watch: Watch, limits: Callable[[], VelocityLimits]
 ) -> None:
     """Create the services; the node owns them.
 
     Args:
-        velocities: gets each call that commands a velocity.
+        watch: gets each call that commands a velocity, and tells when velocities are refused.
         limits: returns the limits of velocities.
     """
     for query in QUERIES:
         _QueryHandler(query, robot)
     for command in COMMANDS:
-        _CommandHandler(command, robot, velocities, limits)
+        if command.request == full_name(Twist):
+            _VelocityHandler(command, robot, watch, limits)
+        else:
+            _CommandHandler(command, robot)
 
 
 class _QueryHandler:
@@ -121,7 +127,7 @@ class _QueryHandler:
         is_usable = answer.ok and answer.type == self._endpoint.request
         if is_usable and not answer.is_outdated:
             last_known = self._robot.last_known
-            # decode the previous value now: it stays the last known one if this is unreadable
+            # read the previous value first: it stays if this one turns out to be unreadable
             last_known.get(answer.type)
             last_known.remember(answer.raw)
 
@@ -176,18 +182,10 @@ class _UnusableAnswerError(Exception):
 class _CommandHandler:
     """Handler of a service that sends a command: forwards its request, and the answer."""
 
-    def __init__(
-        self,
-        endpoint: Command,
-        robot: RobotContext,
-        velocities: VelocitySources,
-        limits: Callable[[], VelocityLimits],
-    ) -> None:
+    def __init__(self, endpoint: Command, robot: RobotContext, *, urgent: bool = False) -> None:
         self._srv = class_of(endpoint.srv, "srv")
         self._endpoint = endpoint
         self._robot = robot
-        self._velocities = velocities
-        self._limits = limits
         arg_type = self._srv.Request.get_fields_and_field_types()["arg"]
         self._convert = converter(class_of(arg_type, "msg"), message_type(endpoint.request))
         self._convert_ret: Converter | None = None
@@ -197,26 +195,26 @@ class _CommandHandler:
             self._convert_ret = converter(class_of(ret_type, "msg"), message_type(endpoint.answer))
         self._clock = SenderClock()
         """Estimates when a client sent its call, because late commands are refused."""
-        is_velocity = endpoint.request == Twist.DESCRIPTOR.full_name
-        DeferredService(robot.node, self._srv, endpoint.name, self._handle, urgent=is_velocity)
+        DeferredService(robot.node, self._srv, endpoint.name, self._handle, urgent=urgent)
 
     def _handle(self, request: Any, reply: Reply) -> None:
         try:
-            requested = message = self._robot.requests.make(self._convert, request.arg)
-            if isinstance(message, Twist):
-                message = self._limits().apply(message)
-        except (BadFieldError, UnusableVelocityError) as error:
-            reply.send(self._response(False, f"arg.{error}; nothing was sent"))
+            message = self._robot.requests.make(self._convert, request.arg)
+        except BadFieldError as error:
+            self._refuse_arg(reply, error)
             return
-        note = "" if message == requested else _LIMITED
         published = self._clock.published(*reply.times, time.monotonic())
-        self._robot.thread.spawn(partial(self._answer, message, reply, published, note), reply.fail)
+        self._robot.thread.spawn(partial(self._answer, message, reply, published), reply.fail)
 
-    async def _answer(self, message: Message, reply: Reply, published: float, note: str) -> None:
+    def _refuse_arg(self, reply: Reply, error: Exception) -> None:
+        """Send the response to a call whose `arg` cannot be sent; `error` names the field."""
+        reply.send(self._response(False, f"arg.{error}; nothing was sent"))
+
+    async def _answer(
+        self, message: Message, reply: Reply, published: float, note: str = ""
+    ) -> None:
         """Send a command, and the client's response; a success has `note` added to its text."""
         address = self._robot.chassis.config.address  # parameters may change it meanwhile
-        if isinstance(message, Twist) and may_move(message):
-            self._velocities.note_call(self._endpoint.name, reply.sequence_number)
         try:
             answer = await self._robot.gate.request(
                 message, sender=Sender(self._endpoint.name, published)
@@ -272,6 +270,47 @@ class _CommandHandler:
         if ret is None:
             ret = self._convert_ret.to_ros(self._convert_ret.proto_class())
         return new_message(self._srv.Response, ok=ok, msg=msg, ret=ret)
+
+
+class _VelocityHandler(_CommandHandler):
+    """Handler of robot/Twist, whose velocities obey `limits`.
+
+    After a stop or an interruption, they are refused until a client sends a zero, or none calls for
+    a while: a program that simply repeats its calls must not move the robot again.
+    """
+
+    def __init__(
+        self,
+        endpoint: Command,
+        robot: RobotContext,
+        watch: Watch,
+        limits: Callable[[], VelocityLimits],
+    ) -> None:
+        super().__init__(endpoint, robot, urgent=True)
+        self._watch = watch
+        self._limits = limits
+        self._silence = Silence(robot.gate)
+        watch.interruptions.on_begin(self._silence.begin)
+
+    async def _answer(self, message: Any, reply: Reply, published: float, note: str = "") -> None:
+        moves = may_move(message)
+        self._silence.note_received(moves, published)
+        if moves:
+            self._watch.velocities.note_call(self._endpoint.name, reply.sequence_number)
+            # a zero or a pause ends a refusal, but not while the button is pressed
+            if self._watch.interruptions.is_pressed:
+                self._silence.begin(str(EMERGENCY_STOP))
+            if self._robot.chassis.refusal(message):  # the gate refuses it, and tells why
+                self._silence.begin(NOT_PERMITTED)
+            elif self._silence.reason:
+                reply.send(self._response(False, NOT_SENT(reason=self._silence.objection)))
+                return
+        try:
+            limited = self._limits().apply(message)
+        except UnusableVelocityError as error:
+            self._refuse_arg(reply, error)
+            return
+        await super()._answer(limited, reply, published, "" if limited == message else _LIMITED)
 
 
 async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from woosh_robot_agent.link import ChassisClient, LinkState
-from woosh_robot_agent.link.tasks import start_task
 from woosh_robot_agent.ros.bridge import LinkThread
 from woosh_robot_agent.ros.releases import (
     PublisherEventCallbacks,
@@ -33,7 +32,7 @@ def create_publisher(node: Any, message_class: Any, name: str, profile: QoSProfi
 def publish_readiness(
     chassis: ChassisClient, publisher: Any, message: Callable[[bool], Any]
 ) -> None:
-    """Publish whether the link is ready, on each change; first, before it is started, False.
+    """Publish False now, before the link is started, and each change of whether it is ready.
 
     Args:
         message: returns the message for True or False.
@@ -107,10 +106,9 @@ class Subscribers:
         while self.present != present:
             if self._has_events:
                 await self._changed.wait()
-            else:
-                reached = asyncio.get_running_loop().create_future()
-                self._poll(present, reached)
-                await reached
+            else:  # at multiples of the period, so that all `Subscribers` wake the loop together
+                now = time.monotonic()
+                await asyncio.sleep(_next_poll(now) - now)
 
     async def repeat(
         self, rate: Callable[[], float], work: Callable[[float], Coroutine[Any, Any, None]]
@@ -124,78 +122,16 @@ class Subscribers:
             rate: returns the current rate, in Hz.
             work: called with the loop time. Its exceptions end the repetition.
         """
+        clock = asyncio.get_running_loop().time
         while True:
             await self.wait(present=True)
-            repetition = _Repetition(self, rate, work)
-            try:
-                await repetition.ended
-            finally:
-                repetition.cancel()
-
-    def _poll(self, present: bool, reached: asyncio.Future[None]) -> None:
-        """Set `reached` as soon as `self.present` is `present`; check it every `POLL_PERIOD`.
-
-        The checks are made at multiples of the period, so that all `Subscribers` wake the loop at
-        the same time.
-        """
-        if reached.done():  # cancelled
-            return
-        if self.present == present:
-            reached.set_result(None)
-            return
-        loop = reached.get_loop()
-        loop.call_at(_next_poll(loop.time()), self._poll, present, reached)
+            due = clock()
+            while self.present:
+                await work(clock())
+                due = max(due + 1.0 / rate(), clock())
+                await asyncio.sleep(due - clock())
 
 
 def _next_poll(now: float) -> float:
+    """Return the next multiple of `POLL_PERIOD`."""
     return (now // POLL_PERIOD + 1) * POLL_PERIOD
-
-
-class _Repetition:
-    """Work that is repeated while there are subscribers, for `Subscribers.repeat`.
-
-    A timer starts the work directly: a task that waits for the timer would need another turn of
-    the event loop.
-
-    Attributes:
-        ended: future that is done when there are no more subscribers, or the work has failed.
-    """
-
-    def __init__(
-        self,
-        subscribers: Subscribers,
-        rate: Callable[[], float],
-        work: Callable[[float], Coroutine[Any, Any, None]],
-    ) -> None:
-        self._subscribers = subscribers
-        self._rate = rate
-        self._work = work
-        self._loop = asyncio.get_running_loop()
-        self._due = self._loop.time()
-        """Loop time at which the work is due."""
-        self.ended: asyncio.Future[None] = self._loop.create_future()
-        self._timer = self._loop.call_soon(self._start)
-        self._task: asyncio.Task[None] | None = None
-
-    def cancel(self) -> None:
-        """End the repetition and the work."""
-        self._timer.cancel()
-        if self._task is not None:
-            self._task.cancel()
-
-    def _start(self) -> None:
-        """Start the work, or end the repetition if there are no more subscribers."""
-        if self._subscribers.present:
-            self._task = start_task(self._do())
-        elif not self.ended.done():
-            self.ended.set_result(None)
-
-    async def _do(self) -> None:
-        try:
-            await self._work(self._loop.time())
-        except Exception as error:
-            if not self.ended.done():
-                self.ended.set_exception(error)
-            return
-        self._due = max(self._due + 1.0 / self._rate(), self._loop.time())
-        self._timer = self._loop.call_at(self._due, self._start)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from woosh_robot_agent.data_files import DataFileError, load_yaml, structure
+from woosh_robot_agent.data_files import (
+    DataFileError,
+    load_yaml,
+    parameter_sections,
+    structure,
+)
 from woosh_robot_agent.link import LinkConfig
 
 _NODE = "agent"
 """Name of the agent's node in the file."""
-_PARAMETERS = "ros__parameters"
 
 
 @dataclass(frozen=True)
@@ -58,14 +60,15 @@ def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
     Raises:
         ValueError: the content lists no robots, or a robot is invalid.
     """
-    sections = list(_sections("", content))
-    names = _parameters(sections, f"/{_NODE}").get("robots")
+    if not isinstance(content, dict):
+        raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
+    names = _parameters(content, f"/{_NODE}").get("robots")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
         raise ValueError("list the names of the robots: /**: {ros__parameters: {robots: [r1, r2]}}")
     robots: list[ListedRobot] = []
     for name in (each.strip("/") for each in names):
         try:
-            robot = _robot(name, _parameters(sections, f"/{name}/{_NODE}"), default)
+            robot = _robot(name, _parameters(content, f"/{name}/{_NODE}"), default)
             _check_distinct(robot, robots)
         except ValueError as error:
             raise ValueError(f"robot {name}: {error}") from None
@@ -73,38 +76,12 @@ def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
     return robots
 
 
-def _sections(name: str, content: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield the name and the parameters of each node in the content of a parameter file.
-
-    Args:
-        name: name of the node or namespace that has the content; empty for the whole file.
-        content: a mapping; names of nodes in it may be nested or contain slashes and wildcards.
-
-    Raises:
-        ValueError: the content is not that of a parameter file.
-    """
-    if not isinstance(content, dict):
-        raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
-    for key, value in content.items():
-        if key == _PARAMETERS and name and isinstance(value, dict):
-            yield name, value
-        else:
-            yield from _sections(f"{name}/{str(key).strip('/')}", value)
-
-
-def _parameters(sections: list[tuple[str, Mapping[str, Any]]], node: str) -> dict[str, Any]:
-    """Return the parameters of a node from all sections that match it; a later section wins."""
+def _parameters(content: Any, node: str) -> dict[str, Any]:
+    """Return the parameters of a node from all sections for it; a later section wins."""
     found: dict[str, Any] = {}
-    for pattern, parameters in sections:
-        if re.fullmatch(_regex(pattern), node):
-            found |= parameters
+    for _keys, parameters in parameter_sections(content, node):
+        found |= parameters
     return found
-
-
-def _regex(pattern: str) -> str:
-    """Return the regular expression for a name in which `*` is one part, and `**` any number."""
-    parts = {"*": "/[^/]+", "**": "(/[^/]+)*"}
-    return "".join(parts.get(part, f"/{re.escape(part)}") for part in pattern.split("/")[1:])
 
 
 def _robot(name: str, parameters: dict[str, Any], default: LinkConfig) -> ListedRobot:
@@ -136,10 +113,10 @@ def _check_distinct(robot: ListedRobot, others: list[ListedRobot]) -> None:
         one, two = robot.link, other.link
         # ports 0 are equal here, although they stand for a different port with each transport
         same_port = one.port == two.port or one.effective_port == two.effective_port
-        if same_port and (one.ip, one.robot_id) == (two.ip, two.robot_id):
+        if same_port and one.ip == two.ip:  # whatever their `robot_id`, which cancels do not carry
             raise ValueError(
                 f"it has the address of robot {other.name}, {robot.link.address}; give each its "
-                "own ip, port or robot_id"
+                "own ip or port"
             )
         if robot.serial_number and other.serial_number == robot.serial_number:
             raise ValueError(f"it has the serial_number of robot {other.name}")

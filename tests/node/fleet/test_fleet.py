@@ -183,21 +183,21 @@ def test_a_failing_shutdown_of_one_robot_still_stops_the_others(
 
 
 def test_program_runs_without_standard_streams(
-    domain: int, simulator: SimulatorThread, tmp_path: Path
+    domain: int, chassis: dict[str, SimulatorThread], tmp_path: Path
 ) -> None:
-    robots = ["/r1", "/r2"]
-    ids = {name: {"robot_id": number} for number, name in enumerate(robots, start=1)}
-    address = {"ip": "127.0.0.1", "port": simulator.port}
-    file = write_parameters(tmp_path, robots, address, **ids)
+    own = {name: {"ip": "127.0.0.1", "port": each.port} for name, each in chassis.items()}
+    file = write_parameters(tmp_path, list(ROBOTS), {}, **own)
     command = [sys.executable, "-m", "woosh_robot_agent.agent", "--ros-args"]
     program = subprocess.Popen(
         ["bash", "-c", 'exec "$@" <&- >&- 2>&-', "bash", *command, "--params-file", str(file)],
         env={**os.environ, **domain_variables(domain)},
     )
-    wait_until(lambda: simulator.connections == len(robots) or program.poll() is not None)
+    wait_until(
+        lambda: all(each.connections for each in chassis.values()) or program.poll() is not None
+    )
     program.send_signal(signal.SIGINT)
     assert program.wait(TIMEOUT) == 0
-    assert simulator.bad_frames == 0
+    assert not any(each.bad_frames for each in chassis.values())
 
 
 def test_a_signal_during_the_start_ends_it(

@@ -39,7 +39,8 @@ def parameter_file(folder: Path, domain: int, robots: Any, *args: Any, **own: An
     ("robots", "common", "own", "complaints"),
     [
         (["/a", "/b"], {}, {"/a": A}, ["/b", "ip", "/b/agent"]),
-        (["/a", "/b"], {"ip": "127.0.0.1"}, {}, ["/a and /b", "127.0.0.1", "ip"]),
+        (["/a", "/b"], {"ip": "127.0.0.1"}, {}, ["/a and /b", "127.0.0.1", "ip or port"]),
+        (["/a", "/b"], A, {"/a": {"robot_id": 1}, "/b": {"robot_id": 2}}, ["its own ip or port"]),
         (["/a", "/b"], {}, {"/a": A, "/b": {**B, "ip": "a b"}}, ["/b", "ip", "a b"]),
         (["/a", "/b"], {}, {"/a": A, "/b": {**B, "port": "x"}}, ["/b", "port"]),
         (["a", "/woosh_robot/a"], {}, {"/woosh_robot/a": A}, ["/woosh_robot/a", "its own name"]),
@@ -81,15 +82,13 @@ def test_robot_names_may_be_relative_or_absolute() -> None:
 
 @pytest.mark.usefixtures("domain")
 def test_the_example_file_works(tmp_path: Path, chassis: dict[str, SimulatorThread]) -> None:
-    """config/robots.yaml with two robots behind one gateway, which differ by their `robot_id`."""
+    """config/robots.yaml, with the ports of the chassis."""
     text = (Path(__file__).parents[3] / "config/robots.yaml").read_text()
-    gateway = f"port: {chassis['/r1'].port}"
-    for wanted, robot_id in (("5480", 0), ("5490", 30001)):
-        new = f"{gateway}\n    robot_id: {robot_id}"
-        text, found = re.subn(rf"\bport: {wanted}\b", new, text)
+    for wanted, each in zip(("5480", "5490"), chassis.values(), strict=True):
+        text, found = re.subn(rf"\bport: {wanted}\b", f"port: {each.port}", text)
         assert found == 1
     file = tmp_path / "robots.yaml"
     file.write_text(text)
     with fleet_of_file(file) as fleet:
         assert [agent.node.get_namespace() for agent in fleet.agents] == ["/r1", "/r2"]
-        assert chassis["/r1"].connections == 2
+        assert [each.connections for each in chassis.values()] == [1, 1]

@@ -14,7 +14,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.convert import Converter, converter, new_message
 from woosh_robot_agent.convert.mapping import class_of
-from woosh_robot_agent.endpoints import ACTIONS
+from woosh_robot_agent.endpoints import ACTIONS, Action
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reports import RecentDict
@@ -53,7 +53,8 @@ class AgentGoal:
 
     Attributes:
         accepted: future; True once the chassis has accepted the goal, False if it never will.
-        cancel: cancels the goal at the chassis. It ends when the chassis reports its end.
+        cancel: cancels the goal at the chassis; the goal ends when the chassis reports its end.
+        ended: future of the end of the goal.
     """
 
     accepted: asyncio.Future[bool]
@@ -132,11 +133,6 @@ class Actions:
         """The last report on each of the latest tasks, by task id."""
         task_ids = unused_task_ids()
         for action in ACTIONS:
-            action_class = class_of(action.action, "action")
-            command = converter(_field_class(action_class.Goal, "arg"), message_type(action.arg))
-            report = converter(
-                _field_class(action_class.Feedback, "fb"), message_type(action.feedback)
-            )
             context = GoalContext(
                 robot.node,
                 robot.thread,
@@ -146,7 +142,8 @@ class Actions:
                 robot.requests,
                 open_goals=self._open_goals[action.member],
                 timing=lambda: replace(self.timing, link_timeout=link_timeout()),
-                to_proto=partial(robot.requests.make, command),
+                # the command of a goal of the agent itself is a protobuf message already
+                to_proto=robot.requests.address,
                 explain=explain,
             )
             make_kind: Callable[..., GoalKind]
@@ -161,21 +158,8 @@ class Actions:
                 make_kind = TaskSetGoal
             else:
                 make_kind = partial(TaskGoal, unused_ids=task_ids, last_reports=self._last_reports)
-            # the commands of the agent's own goals are protobuf messages already, and only need the
-            # robot's id
-            self._starters[action.arg] = partial(
-                self._start, make_kind, replace(context, to_proto=robot.requests.address)
-            )
-            start = partial(
-                self._start_for_ros_client,
-                partial(self._start, make_kind, context),
-                partial(_RosClient, action_class, report),
-            )
-            self.servers.append(
-                GoalServer(
-                    robot.node, robot.thread, action_class, action.name, start, result_timeout
-                )
-            )
+            self._starters[action.arg] = partial(self._start, make_kind, context)
+            self.servers.append(self._create_server(action, make_kind, context, result_timeout))
         for pushed in (TaskProc, RobotState, Feedbacks):
             robot.chassis.subscribe(pushed, self._pushed)
         robot.chassis.on_state(self._link_changed)
@@ -228,13 +212,26 @@ class Actions:
         open_goals = chain.from_iterable(self._open_goals.values())
         return [goal.name for goal in open_goals if goal.was_accepted]
 
-    @staticmethod
-    def _start_for_ros_client(
-        start: Callable[[GoalClient, Any], GoalRun],
-        make_client: Callable[[Goal], _RosClient],
-        goal: Goal,
-    ) -> None:
-        start(make_client(goal), goal.request.arg)
+    def _create_server(
+        self,
+        action: Action,
+        make_kind: Callable[..., GoalKind],
+        context: GoalContext,
+        result_timeout: int,
+    ) -> GoalServer:
+        """Create the action server of an action; it starts a goal for each goal of a ROS client."""
+        action_class = class_of(action.action, "action")
+        command = converter(_field_class(action_class.Goal, "arg"), message_type(action.arg))
+        report = converter(_field_class(action_class.Feedback, "fb"), message_type(action.feedback))
+        context = replace(context, to_proto=partial(context.requests.make, command))
+
+        def start(goal: Goal) -> None:
+            client = _RosClient(action_class, report, goal)
+            self._start(make_kind, context, client, goal.request.arg)
+
+        return GoalServer(
+            context.node, context.thread, action_class, action.name, start, result_timeout
+        )
 
     def _start(
         self,
@@ -254,7 +251,8 @@ class Actions:
         if self._is_stopping:
             run.abort(STOPPING)
             return run
-        # not in `run`, which begins later before Python 3.12: the next goal has to count this one
+        # here, because the next goal counts the open ones, perhaps before `run` begins (in Python
+        # before 3.12)
         context.open_goals.append(run)
         task = start_task(run.run(), name=f"goal: {run.name}")
         self._runs[task] = run

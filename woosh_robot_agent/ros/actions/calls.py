@@ -81,7 +81,7 @@ class CallActionGoal:
         """True if the action may have been running or paused when the goal came."""
         self.attribution = Attribution(
             max(predecessors, int(was_active)),  # another program's action may be running
-            # one of another program may still report its cancel
+            # an action of another program may still report that it was cancelled
             inherited=tuple(Outcome) if predecessors else (Outcome.CANCELED,),
             repeats_ends=True,
             previous=previous,
@@ -137,7 +137,7 @@ class CallActionGoal:
         return PollResult(tuple(self.read(body)))
 
     def note_polled_end(self, end: End) -> None:
-        if end.cause is not Cause.AGENT:  # otherwise it may go on
+        if end.cause is not Cause.AGENT:  # an action that the agent has given up may go on
             self._context.gate.wheel_owner.action_ended(self._command.DESCRIPTOR.name)
 
     def failure(self, reason: str) -> Message:

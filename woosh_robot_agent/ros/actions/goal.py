@@ -42,8 +42,8 @@ class Phase(Enum):
         return self in (Phase.REPORTED, Phase.RUNNING)
 
     @property
-    def answered(self) -> bool:
-        """True while the goal may run, after its start was answered or the answer was lost."""
+    def start_is_over(self) -> bool:
+        """True while the goal may run, once its start was answered or the answer was lost."""
         return self in (Phase.UNCONFIRMED, Phase.RUNNING)
 
 
@@ -191,7 +191,7 @@ class Attribution:
         self._repeats_ends = repeats_ends
         self._previous = previous
         self._was_polled = False
-        """True once the answer to a poll has had an end since this goal was accepted."""
+        """True once a poll's answer has contained an end since this goal was accepted."""
 
     def attribute(self, outcome: Outcome | None, phase: Phase, *, cancel_requested: bool) -> bool:
         """Decide if a report belongs to this goal; return True if it does.
@@ -250,7 +250,7 @@ class Attribution:
         """Decide on a report that the goal is running."""
         if self._predecessors and not phase.accepted:
             return False  # an earlier goal may still be running
-        if phase.answered:
+        if phase.start_is_over:
             # this goal runs, so the earlier goals have ended; a late report may still say that the
             # last of them was cancelled
             self._inherited = frozenset([Outcome.CANCELED] if self._predecessors else [])
@@ -260,7 +260,7 @@ class Attribution:
         """Decide on a report of an end, which may be that of an earlier goal of the same name."""
         inherited, has_predecessor = self._inherited, self._predecessors > 0
         # after this end, no other end of an earlier goal is expected
-        if phase.answered or self._predecessors < 2:
+        if phase.start_is_over or self._predecessors < 2:
             self._inherited = frozenset()
             self._predecessors = 0
         else:  # each earlier goal reports its own end

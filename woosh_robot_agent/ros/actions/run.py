@@ -215,7 +215,7 @@ class GoalRun:
                 return await self._send_order(request)
             return await self._follow(request)
         except _RefusedError as error:
-            # now, because older goals wait for this, and the explanation takes a while
+            # decides `accepted` now: older goals wait for it, and the explanation takes a while
             self._advance(Step.END)
             reason = await self._context.explain(self._kind.request_type)
             text = f"{error} ({reason})" if reason else str(error)
@@ -435,7 +435,7 @@ class GoalRun:
         """Poll the state of the goal if that is possible now, and schedule the next poll."""
         self._schedule_poll()
         # before the start is answered, a poll may return the state of an earlier goal
-        can_poll = self.phase.answered and self._context.chassis.state is LinkState.READY
+        can_poll = self.phase.start_is_over and self._context.chassis.state is LinkState.READY
         if can_poll and (self._polling is None or self._polling.done()):
             loop = asyncio.get_running_loop()
             self._polling = loop.create_task(self._poll(), name="goal: poll")

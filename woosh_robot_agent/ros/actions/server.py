@@ -285,21 +285,21 @@ class GoalServer:
     def _selected(self, info: GoalInfo) -> list[Goal]:
         """Return the goals that a cancel selects by the rules of action_msgs/srv/CancelGoal.
 
-        A stamp later than now is from before the clock was set back: it is not known when the goal
-        was accepted, so each time selects it.
+        A goal whose stamp is later than now was accepted before the clock was set back. A cancel by
+        time selects it, because nobody knows when that was.
         """
         goal_id = _key(info)
         accepted_until, now = _nanoseconds(info), self._node.get_clock().now().nanoseconds
         goals = {**self._goals, **self._unchecked}
         if not any(goal_id) and not accepted_until:
             return list(goals.values())
-        return [
-            goal
-            for key, goal in goals.items()
+
+        def has_selected_time(goal: Goal) -> bool:
+            stamp = _nanoseconds(goal.info)
             # 0 means no time, though it is also the stamp of a goal before simulated time starts
-            if key == goal_id
-            or (accepted_until and not accepted_until < _nanoseconds(goal.info) <= now)
-        ]
+            return accepted_until > 0 and (stamp <= accepted_until or stamp > now)
+
+        return [goal for key, goal in goals.items() if key == goal_id or has_selected_time(goal)]
 
     async def _result_requested(self, request: Any, reply: Reply, _taken: float) -> None:
         goal = self._goals.get(bytes(request.goal_id.uuid))

@@ -91,7 +91,7 @@ class _TasksGoal(ABC):
         # `current` is a parameter for mypy, which knows that `task` is a TaskProc only out here
         def history_received(answer: Answer, current: TaskProc = task) -> None:
             ended = answer.body.tes if answer.ok and isinstance(answer.body, TaskHistory) else ()
-            # a later one is from before the robot's clock was set back
+            # an end later than the current report is from before the robot's clock was set back
             latest = current.time or math.inf
             on_result(self._read_history([old for old in ended if old.time <= latest], current))
 
@@ -128,7 +128,7 @@ class TaskSetGoal(_TasksGoal):
         """Unix time of the last report before this goal, by the robot's clock, in seconds; 0 if
         there is none."""
         predecessors = context.open_goals.possibly_running(self.name)
-        # reports may be on an earlier run of the set: of a goal, or started by another program
+        # reports may belong to an earlier run of the set, of another goal or of another program
         self.attribution = Attribution(max(predecessors, int(self._is_executing(last))))
 
     def request(self) -> Message:
@@ -311,7 +311,8 @@ class TaskGoal(_TasksGoal):
             return True
         if self._since:  # without a report on this goal, only the time tells
             return old.time > self._since
-        # a client may have used its id before the agent was connected
+        # The last use of the id must be known, or the agent must have chosen the id: otherwise this
+        # may be the end of a task with this id from before the agent was connected.
         return self._previous is not None or not self._arg.task_id
 
 

@@ -12,9 +12,8 @@ from typing import Any
 from geometry_msgs.msg import Twist, TwistStamped
 from std_srvs.srv import Trigger
 
-from woosh_robot_agent.motion import AnsweredCommand, VelocityDriver
+from woosh_robot_agent.motion import VelocityDriver
 from woosh_robot_agent.motion.timeliness import SenderClock
-from woosh_robot_agent.pb.robot.robot_pb2 import DeviceState, Mode, RobotInfo
 from woosh_robot_agent.robot.readiness import EMERGENCY_STOP
 from woosh_robot_agent.robot.who_drives import Interleaving
 from woosh_robot_agent.ros.bridge import Reply
@@ -55,9 +54,6 @@ class CmdVel(Part):
 
     Velocities are in the robot's frame (REP 103): linear.x ahead and linear.y to the left in m/s,
     angular.z counter-clockwise in rad/s. The other components are ignored.
-
-    A stream that the emergency stop or the control mode has held back must not move the robot when
-    that ends: its sender has to begin anew.
     """
 
     def __init__(self, context: PartContext) -> None:
@@ -80,39 +76,10 @@ class CmdVel(Part):
         """Estimates when a velocity was published, because late ones are not sent."""
         self._reported = -math.inf
         """Monotonic time at which several publishers were last reported."""
-        self._is_pressed = False
-        """True if the robot reports that its emergency stop is pressed."""
-        self._control_mode: int | None = None
-        """Control mode of the robot; None before its first report."""
-        chassis = context.chassis
-        chassis.on_snapshot(self._snapshot)
-        chassis.subscribe(DeviceState, self._device_changed)
-        chassis.subscribe(Mode, self._mode_changed)
-        context.gate.on_answered(self._answered)
+        context.watch.interruptions.on_begin(self._driver.silence)
 
     async def run(self) -> None:
         await self._driver.run()
-
-    def _snapshot(self, info: RobotInfo) -> None:
-        self._device_changed(info.device_state)  # without one, nothing is pressed
-        if info.HasField("mode"):
-            self._mode_changed(info.mode)
-
-    def _device_changed(self, state: DeviceState) -> None:
-        self._is_pressed = bool(state.hardware & DeviceState.kEmgBtn)
-        if self._is_pressed:
-            self._driver.silence(str(EMERGENCY_STOP))
-
-    def _answered(self, command: AnsweredCommand) -> None:
-        """Take the mode from an answer: its report may come after a stream that begins then."""
-        mode = command.answer.body
-        if isinstance(mode, Mode) and mode.ctrl:
-            self._mode_changed(mode)
-
-    def _mode_changed(self, mode: Mode) -> None:
-        if self._control_mode not in (None, mode.ctrl):
-            self._driver.silence("the control mode of the robot has changed")
-        self._control_mode = mode.ctrl
 
     def _drive_stamped(self, message: TwistStamped, info: Mapping[str, Any], taken: float) -> None:
         self._drive(message.twist, info, taken, stamp_objection(self._context, message))
@@ -127,7 +94,8 @@ class CmdVel(Part):
         number, published = info.get(NUMBER), self._clock.of_message(info, taken)
         self._driver.note_number(number)
         values = (velocity.linear.x, velocity.linear.y, velocity.angular.z)
-        if self._is_pressed and any(values):  # after a zero or a pause, too
+        # a zero or a pause ends a refusal, but not while the button is pressed
+        if self._context.watch.interruptions.is_pressed and any(values):
             self._driver.note_received(True, published)
             self._driver.silence(str(EMERGENCY_STOP))
         if objection:

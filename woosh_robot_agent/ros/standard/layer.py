@@ -68,11 +68,6 @@ class StandardLayer:
         """
         return next((each.map_to_odom for each in self._parts if isinstance(each, Odom)), None)
 
-    def close(self) -> None:
-        """Remove the parts' entities from the ROS graph, in the executor thread."""
-        for part in self._parts:
-            part.close()
-
 
 async def keep_running(run: Callable[[], Coroutine[Any, Any, None]], name: str) -> None:
     """Run `run`; after an unexpected error, log it with `name`, and run it again after a pause."""

@@ -128,7 +128,7 @@ _CHECK_RATE = 2.0
 """Rate of checking if a map has to be requested or published, in Hz."""
 _RETRY_DELAY = 10.0
 """Delay before a failed request is retried, in seconds. It doubles each time if no answer came:
-a map may be too large for the link, or exceed `max_frame_size`, which costs the link."""
+a map may be too large for the link, or exceed `max_frame_size`, which closes the link."""
 _MAX_RETRY_DELAY = 300.0
 """Longest such delay, in seconds."""
 _FORBIDDEN = 100
@@ -163,7 +163,7 @@ class Map(Part):
         """The scene's map that was published last; None if it has to be published again."""
         self._retry = Backoff(_RETRY_DELAY, _MAX_RETRY_DELAY)
         """Delays after requests without an answer."""
-        self._costs_link = False
+        self._loses_link = False
         """True if the link was lost during the last request."""
         self._not_before = -math.inf
         """Loop time before which the map is not requested again."""
@@ -194,7 +194,7 @@ class Map(Part):
         self._log.clear()
         if info.HasField("scene"):
             self._scene_reported(info.scene)
-        if not self._costs_link:
+        if not self._loses_link:  # otherwise an early request could lose the link again
             self._published = None  # the robot may have made a new map with the same version
             self._request_soon()
 
@@ -241,7 +241,7 @@ class Map(Part):
                 BuildMapData, f"no map while the robot is making one, {error}"
             )
             return
-        if finished != self._finished_maps or not self._growing.active:
+        if finished != self._finished_maps or not self._growing.active:  # it was finished meanwhile
             return
         self._publisher.publish(message)
         self._published = None
@@ -254,14 +254,14 @@ class Map(Part):
             return
         clock = asyncio.get_running_loop().time
         self._not_before = clock() + _RETRY_DELAY
-        self._costs_link = False
+        self._loses_link = False
         try:
             scene = await scene_data(self._context.chassis, used.scene)
             area = find_map(scene, used.map_id, used.name)
         except (LinkError, MapError) as error:
             if isinstance(error, ConnectionLostError | RequestTimeoutError):
                 self._not_before = clock() + self._retry.next()
-            self._costs_link = isinstance(error, ConnectionLostError)
+            self._loses_link = isinstance(error, ConnectionLostError)
             self._log.warn(str(error), f"no map: {error}")
             return
         try:

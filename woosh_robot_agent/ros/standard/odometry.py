@@ -273,7 +273,8 @@ _POSE_SET_TOLERANCE = 0.01
 _POSE_SET_TOLERANCE_AT_REST = 1e-4
 """`_POSE_SET_TOLERANCE` for a standing robot."""
 _MIN_SIDEWAYS = 0.004
-"""Maximum sideways movement that counts as the inexactness of a curve, in metres."""
+"""Sideways movement above which the robot counts as moving sideways, in metres. Less is the
+inexactness of a curve."""
 
 
 class Odometry:

@@ -15,10 +15,10 @@ from std_msgs.msg import Header
 from woosh_robot_agent.convert.mapping import class_of
 from woosh_robot_agent.parameters import StandardSettings
 from woosh_robot_agent.robot.watch import Watch
+from woosh_robot_agent.ros.actions.actions import AgentGoal
 from woosh_robot_agent.ros.bridge import DeferredService, Reply
 from woosh_robot_agent.ros.context import RobotContext
 from woosh_robot_agent.ros.entities import UrgentCallbackGroup
-from woosh_robot_agent.ros.logs import log_as
 from woosh_robot_agent.ros.qos import latched
 from woosh_robot_agent.ros.second_agent import SecondAgentDetector
 from woosh_robot_agent.ros.standard_endpoints import BY_NAME, Kind
@@ -36,9 +36,6 @@ class Part:
         By default a part has no periodic work, and only reacts to messages and requests.
         """
 
-    def close(self) -> None:
-        """Remove entities that `Node.destroy_node` leaves in the graph, in the executor thread."""
-
 
 @dataclass(frozen=True)
 class PartContext(RobotContext):
@@ -48,11 +45,13 @@ class PartContext(RobotContext):
         watch: observers of what the robot does and who drives it.
         second_agent_detector: warns of a second agent in the same namespace.
         settings: returns the current parameter values.
+        start_goal: starts a goal of the agent itself; `Actions.start`.
     """
 
     watch: Watch
     second_agent_detector: SecondAgentDetector
     settings: Callable[[], StandardSettings]
+    start_goal: Callable[..., AgentGoal]
 
     def frame(self, which: str) -> str:
         """Return the name of the frame `map`, `odom`, `base` or `scan`, with the prefix."""
@@ -103,7 +102,6 @@ class PartContext(RobotContext):
         callback: Callable[..., None],
         type_name: str = "",
         *,
-        in_executor: bool = False,
         with_info: bool = False,
         urgent: bool = False,
     ) -> None:
@@ -112,13 +110,12 @@ class PartContext(RobotContext):
         Args:
             callback: called with each message in the link thread; must not block.
             type_name: ROS type of the topic, if it differs from the type in that table.
-            in_executor: True to call `callback` in the executor thread instead.
             with_info: True to call `callback` with each message, rclpy's information about it, and
                 the monotonic time at which it was taken from the middleware.
             urgent: True to receive messages before all other callbacks (`UrgentCallbackGroup`).
         """
         endpoint = BY_NAME[name]
-        call = partial(self._call if in_executor else self.thread.call, callback)
+        call = partial(self.thread.call, callback)
         self.node.create_subscription(
             class_of(type_name or endpoint.type),
             name,
@@ -137,8 +134,3 @@ class PartContext(RobotContext):
         """
         srv = class_of(BY_NAME[name].type, "srv")
         DeferredService(self.node, srv, name, handle, **options)
-
-    def _call(self, callback: Callable[..., None], *arguments: Any) -> None:
-        """Call a callback in the executor thread; it logs to the node's logger."""
-        log_as(self.node.get_logger())
-        callback(*arguments)

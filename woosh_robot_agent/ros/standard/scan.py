@@ -73,7 +73,7 @@ class Scan(Part):
 
     async def _request_pose(self) -> None:
         """Request scans until one has been read, whose pose of the laser is then published."""
-        if self._requests_pose:  # since an earlier link
+        if self._requests_pose:  # it goes on since an earlier link
             return
         self._requests_pose = True
         chassis = self._context.chassis
@@ -129,7 +129,8 @@ class Scan(Part):
         check_finite("angle", data.angle_min, data.angle_max, data.angle_increment)
         check_finite("time", data.time_increment, data.scan_time)
         check_finite("limit of ranges", data.range_min, data.range_max)
-        if len(data.ranges) and data.range_max <= data.range_min:  # all would become +inf: free
+        # with such limits, all ranges would become +inf, which stands for free space
+        if len(data.ranges) and data.range_max <= data.range_min:
             raise ValueError(
                 f"range_max is not above range_min: {data.range_max:g} and {data.range_min:g}"
             )

@@ -200,17 +200,17 @@ class _ValuePart(Part):
         self._publisher.publish(message)
 
 
-def battery_part(context: PartContext) -> Part:
-    """Return the part that publishes battery_state."""
-    return _ValuePart(context, "battery_state", Battery, battery_state, _BATTERY_RATE)
-
-
+battery_part = partial(
+    _ValuePart,
+    name="battery_state",
+    proto_class=Battery,
+    convert=battery_state,
+    rate=_BATTERY_RATE,
+)
 plan_part = partial(_ValuePart, name="plan", proto_class=NavPath, convert=plan)
-
-
-def footprint_part(context: PartContext) -> Part:
-    """Return the part that publishes footprint."""
-    return _ValuePart(context, "footprint", Model, footprint, _FOOTPRINT_RATE)
+footprint_part = partial(
+    _ValuePart, name="footprint", proto_class=Model, convert=footprint, rate=_FOOTPRINT_RATE
+)
 
 
 class Connected(Part):
