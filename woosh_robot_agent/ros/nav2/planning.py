@@ -14,7 +14,8 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED
-from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, to_duration
+from woosh_robot_agent.ros.nav2.action import Nav2Action
+from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Goal, to_duration
 from woosh_robot_agent.ros.nav2.navigation import chassis_pose, poses_in, transform_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
 
