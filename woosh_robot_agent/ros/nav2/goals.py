@@ -53,7 +53,7 @@ class GoalEnd(Exception):
     """The reason why a goal ends before it is reached.
 
     Args:
-        text: the reason; empty for a cancel.
+        text: the reason; empty if the client of the goal ends it.
         code: name of the error code in the action's result. If the result's type lacks that code,
             it becomes UNKNOWN.
         outcome: final state of the goal.
@@ -279,8 +279,8 @@ class Nav2Goal:
             Who decided that the command has succeeded; None if `is_done` did.
 
         Raises:
-            GoalEnd: the goal has ended before the command did.
-            FailedCommand: the command has failed.
+            GoalEnd: the goal is ending, and the command has not succeeded.
+            FailedCommand: the chassis has refused the command, or failed to execute it.
         """
         self.raise_if_ending()
         if self.interruption is not None:
