@@ -212,7 +212,7 @@ class AssistedTeleop(Nav2Action):
 
         self._goal = goal
         try:
-            await goal.wait_until(lambda: False, tick)  # something else always ends the goal
+            await goal.wait_until(lambda: False, tick=tick)  # something else always ends the goal
         except GoalEnd:  # not when the agent stops: then the gate stops the robot
             self._driver.end()
             await self.context.pose.wait_until_standing()

@@ -373,24 +373,11 @@ class Nav2Goal:
             canceller = await self._context.cancels.source(command, sent)
         return FailedCommand(end, canceller)
 
-    async def wait_for(
-        self, future: asyncio.Future[Any], tick: Callable[[], None] = lambda: None
-    ) -> None:
-        """Wait until a future is done.
-
-        Args:
-            tick: called ten times a second, to publish feedback.
-
-        Raises:
-            GoalEnd: the goal has ended before.
-        """
-        await self.wait_until(future.done, tick, future)
-
     async def wait_until(
         self,
         condition: Callable[[], bool],
-        tick: Callable[[], None] = lambda: None,
         *wakes: asyncio.Future[Any],
+        tick: Callable[[], None] = lambda: None,
     ) -> None:
         """Wait until a condition holds.
 
@@ -420,7 +407,7 @@ class Nav2Goal:
         """
         task = start_task(work, name=f"nav2: {name}")
         try:
-            await self.wait_for(task, tick)
+            await self.wait_until(task.done, task, tick=tick)
             return task.result()
         finally:
             task.cancel()

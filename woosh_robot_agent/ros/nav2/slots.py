@@ -43,7 +43,7 @@ class Slot:
         for each in older:
             each.stop(Replaced())
         for each in older:
-            await goal.wait_for(each.ended)
+            await goal.wait_until(each.ended.done, each.ended)
 
 
 class DrivingSlot(Slot):
