@@ -214,7 +214,7 @@ class AssistedTeleop(Nav2Action):
         try:
             await goal.wait_until(lambda: False, tick=tick)  # something else always ends the goal
         except GoalEnd:  # not when the agent stops: then the gate stops the robot
-            self._driver.end()
+            await self._driver.end()
             await self.context.pose.wait_until_standing()
             raise
         finally:
