@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -12,7 +13,7 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from tests.asynchronous import TIMEOUT
-from tests.harness import Logs, Robot, wait_until
+from tests.harness import Client, Logs, Robot, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.goals import (
     CALL_ACTION,
@@ -377,6 +378,16 @@ class TestAssistedTeleop:
         assert goal.result()[0] == CANCELED
         sent = [type(each.message) for each in robot.chassis.received]
         assert ChassisTwist not in sent[sent.index(CallAction) :]
+
+    def test_without_a_time_allowance_it_ends_with_its_client(
+        self, own_robot: Robot, logs: Logs
+    ) -> None:
+        robot = own_robot
+        with closing(Client(robot.agent.domain, robot.namespace, "gone")) as client:
+            Nav2Client(client, "assisted_teleop").feedback.wait_count(2)
+        logs.wait_text("assisted_teleop: the goal is aborted: its client has gone")
+        Sender(robot).send(x=0.3)
+        robot.chassis.wait_received(ChassisTwist.DESCRIPTOR.full_name)
 
     def test_cmd_vel_is_refused_meanwhile(self, robot: Robot, logs: Logs) -> None:
         Nav2Client(robot, "assisted_teleop").feedback.wait(lambda _: True)

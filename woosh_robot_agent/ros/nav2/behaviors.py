@@ -170,7 +170,11 @@ class Wait(Nav2Action):
 
 
 class AssistedTeleop(Nav2Action):
-    """Drives the robot by the velocities on cmd_vel_teleop, without obstacle avoidance."""
+    """Drives the robot by the velocities on cmd_vel_teleop, without obstacle avoidance.
+
+    A goal without a time_allowance ends when the clients of the action have gone: otherwise, it
+    would keep cmd_vel from driving the robot for ever.
+    """
 
     name = "assisted_teleop"
 
@@ -204,10 +208,17 @@ class AssistedTeleop(Nav2Action):
 
     async def execute(self, goal: Nav2Goal) -> None:
         _limit_time(goal)
+        is_unlimited = to_seconds(goal.request.time_allowance) <= 0.0
+        had_clients = False  # until the middleware has discovered the first one
 
         def tick() -> None:
-            if reason := self._reason_to_end():
+            nonlocal had_clients
+            has_clients = self.server.has_clients
+            if is_unlimited and had_clients and not has_clients:
+                goal.stop(GoalEnd("its client has gone: send the goal again"))
+            elif reason := self._reason_to_end():
                 goal.stop(GoalEnd(reason))
+            had_clients = has_clients
             goal.feedback(current_teleop_duration=to_duration(goal.elapsed))
 
         self._goal = goal
