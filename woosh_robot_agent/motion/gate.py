@@ -288,6 +288,8 @@ class MotionGate:
         self._stalls = StallWatch(lambda: self.timing)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
+        self._unanswered_starts = 0
+        """Number of starts of tasks and driving actions that are not answered."""
         self._drops = LogOnce(_LOG, DROPS_QUIET)
         self.superseded = 0
         chassis.on_state(self._link_changed)
@@ -438,6 +440,16 @@ class MotionGate:
         """
         self._answered_callbacks.append(callback)
 
+    async def wait_for_starts(self) -> None:
+        """Wait for the answers to starts of tasks and driving actions; at most `timing.unanswered`.
+
+        Until then, it is not known whether a zero velocity would pause what such a start begins.
+        """
+        clock = asyncio.get_running_loop().time
+        until = clock() + self.timing.unanswered
+        while self._unanswered_starts and clock() < until:
+            await asyncio.sleep(_CHECK_PERIOD)
+
     @property
     def driving(self) -> bool:
         """True if the robot may still be driving at a velocity from this gate."""
@@ -467,7 +479,12 @@ class MotionGate:
     async def _request(self, message: Message, how: Sending, sender: Sender) -> Answer:
         """Send a motion command; hold a velocity back while the chassis does not answer."""
         if not isinstance(message, Twist):
-            return await self._send_if_allowed(message, how, sender)
+            starts = takes_wheels(message)
+            self._unanswered_starts += starts
+            try:
+                return await self._send_if_allowed(message, how, sender)
+            finally:
+                self._unanswered_starts -= starts
 
         def send(within: float) -> Coroutine[Any, Any, Answer]:
             # urgent: it is sent even if many other requests are in flight

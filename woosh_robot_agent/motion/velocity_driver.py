@@ -335,12 +335,14 @@ class VelocityDriver:
             self._send(Twist())
         self._silence(reason)
 
-    def end(self) -> None:
-        """Stop the robot at once.
+    async def end(self) -> None:
+        """Stop the robot, but not what a start that is not answered yet begins.
 
-        Does nothing while rule 3 refuses velocities: the stream does not drive the robot then, and
+        Sends nothing while rule 3 refuses velocities: the stream does not drive the robot then, and
         a zero would end the refusal.
         """
+        self._waiting = None
+        await self._gate.wait_for_starts()
         if not self._refusal.reason:
             self.drive(0.0, 0.0, 0.0)
 

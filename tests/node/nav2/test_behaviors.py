@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -11,7 +12,8 @@ from geometry_msgs.msg import Point, Twist
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
-from tests.harness import Logs, Robot, wait_until
+from tests.asynchronous import TIMEOUT
+from tests.harness import Client, Logs, Robot, wait_until
 from tests.node.cmd_vel import Sender
 from tests.node.goals import (
     CALL_ACTION,
@@ -357,6 +359,35 @@ class TestAssistedTeleop:
         held.release()
         goal.wait_aborted("ros/MoveBase drives the robot")
         assert type(robot.chassis.received[-1].message) is CallAction
+
+    def test_its_end_does_not_pause_a_drive_that_is_not_answered_yet(
+        self, own_robot: Robot
+    ) -> None:
+        robot = own_robot
+        assert change(robot, cmd_vel_timeout=5.0) == (True, "")
+        robot.set_motion_timing(unanswered=TIMEOUT, driving=TIMEOUT)
+        goal = Nav2Client(robot, "assisted_teleop")
+        self.drive(robot.publisher(Twist, "cmd_vel_teleop"), robot)
+        robot.chassis.intercept(without_reports)
+        held = Held(robot.chassis, CALL_ACTION)
+        move_base(robot, 3.0)
+        robot.chassis.wait_received(CALL_ACTION)
+        goal.cancel()
+        robot.call(RobotState, "robot/RobotState")  # answered after a zero, if one was sent
+        held.release()
+        assert goal.result()[0] == CANCELED
+        sent = [type(each.message) for each in robot.chassis.received]
+        assert ChassisTwist not in sent[sent.index(CallAction) :]
+
+    def test_without_a_time_allowance_it_ends_with_its_client(
+        self, own_robot: Robot, logs: Logs
+    ) -> None:
+        robot = own_robot
+        with closing(Client(robot.agent.domain, robot.namespace, "gone")) as client:
+            Nav2Client(client, "assisted_teleop").feedback.wait_count(2)
+        logs.wait_text("assisted_teleop: the goal is aborted: its client has gone")
+        Sender(robot).send(x=0.3)
+        robot.chassis.wait_received(ChassisTwist.DESCRIPTOR.full_name)
 
     def test_cmd_vel_is_refused_meanwhile(self, robot: Robot, logs: Logs) -> None:
         Nav2Client(robot, "assisted_teleop").feedback.wait(lambda _: True)

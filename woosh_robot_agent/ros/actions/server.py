@@ -197,6 +197,11 @@ class GoalServer:
         """Number of goals that have not ended."""
         return sum(goal.is_active for goal in tuple(self._goals.values()))
 
+    @property
+    def has_clients(self) -> bool:
+        """True if anything receives feedback: each client of rclpy and rclcpp does."""
+        return bool(self._feedback.get_subscription_count())
+
     def publish_feedback(self, info: GoalInfo, feedback: Any) -> None:
         """Publish feedback on a goal."""
         message = self.action_type.Impl.FeedbackMessage(goal_id=info.goal_id, feedback=feedback)

@@ -14,16 +14,11 @@ from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo
 from woosh_robot_agent.pb.ros.action_pb2 import StepControl, kExecute
 from woosh_robot_agent.robot.who_drives import command_name
-from woosh_robot_agent.ros.nav2.goals import (
-    GoalEnd,
-    Nav2Action,
-    Nav2Context,
-    Nav2Goal,
-    prevention,
-    to_duration,
-    to_seconds,
-)
+from woosh_robot_agent.ros.actions.goal import Outcome
+from woosh_robot_agent.ros.nav2.action import Nav2Action
+from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Context, Nav2Goal, to_duration, to_seconds
 from woosh_robot_agent.ros.nav2.pose import RobotPose
+from woosh_robot_agent.ros.nav2.slots import DrivingSlot, velocity_objection
 from woosh_robot_agent.ros.standard.cmd_vel import NUMBER, stamp_objection
 
 _TURN_SPEED = 0.8
@@ -66,7 +61,7 @@ class _Travelled:
 
 
 class _Behavior(Nav2Action):
-    """An action that is one step of the chassis."""
+    """An action whose goals are one step of StepControl each."""
 
     async def step(
         self, goal: Nav2Goal, tick: Callable[[], None], mode: Any, value: float, speed: float
@@ -167,23 +162,24 @@ class Wait(Nav2Action):
 
     async def execute(self, goal: Nav2Goal) -> None:
         seconds = to_seconds(goal.request.time)
-        over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        timer = asyncio.get_running_loop().call_later(seconds, over.set_result, None)
-        try:
-            await goal.wait_for(
-                over, lambda: goal.feedback(time_left=to_duration(seconds - goal.elapsed))
-            )
-        finally:
-            timer.cancel()
+        await goal.run(
+            asyncio.sleep(seconds),
+            "wait",
+            lambda: goal.feedback(time_left=to_duration(seconds - goal.elapsed)),
+        )
 
 
 class AssistedTeleop(Nav2Action):
-    """Drives the robot by the velocities on cmd_vel_teleop, without obstacle avoidance."""
+    """Drives the robot by the velocities on cmd_vel_teleop, without obstacle avoidance.
+
+    A goal without a time_allowance ends when the clients of the action have gone: otherwise, it
+    would keep cmd_vel from driving the robot for ever.
+    """
 
     name = "assisted_teleop"
 
-    def __init__(self, context: Nav2Context) -> None:
-        super().__init__(context)
+    def __init__(self, context: Nav2Context, driving: DrivingSlot) -> None:
+        super().__init__(context, driving)
         self._driver = VelocityDriver(
             context.gate,
             context.chassis,
@@ -196,8 +192,6 @@ class AssistedTeleop(Nav2Action):
         """Estimates when a velocity was published, because late ones are not sent."""
         self._goal: Nav2Goal | None = None
         """The running goal."""
-        self._preempted: asyncio.Future[None]
-        """Done when a client ends the goal by preempt_teleop. Set for each goal, not before."""
         stamped = context.settings().cmd_vel_stamped
         context.subscribe(
             "cmd_vel_teleop",
@@ -214,26 +208,28 @@ class AssistedTeleop(Nav2Action):
 
     async def execute(self, goal: Nav2Goal) -> None:
         _limit_time(goal)
-        self._preempted = asyncio.get_running_loop().create_future()
-        self._goal = goal
+        is_unlimited = to_seconds(goal.request.time_allowance) <= 0.0
+        had_clients = False  # until the middleware has discovered the first one
 
         def tick() -> None:
-            if reason := self._reason_to_end():
+            nonlocal had_clients
+            has_clients = self.server.has_clients
+            if is_unlimited and had_clients and not has_clients:
+                goal.stop(GoalEnd("its client has gone: send the goal again"))
+            elif reason := self._reason_to_end():
                 goal.stop(GoalEnd(reason))
+            had_clients = has_clients
             goal.feedback(current_teleop_duration=to_duration(goal.elapsed))
 
-        end: GoalEnd | None = None
+        self._goal = goal
         try:
-            await goal.wait_for(self._preempted, tick)
-        except GoalEnd as reason:
-            end = reason
+            await goal.wait_until(lambda: False, tick=tick)  # something else always ends the goal
+        except GoalEnd:  # not when the agent stops: then the gate stops the robot
+            await self._driver.end()
+            await self.context.pose.wait_until_standing()
+            raise
         finally:
             self._goal = None
-            self._driver.end()
-        # not reached when the agent stops, because it cancels this coroutine
-        await self.context.pose.wait_until_standing()
-        if end is not None:
-            raise end
 
     def _reason_to_end(self) -> str:
         """Return why the robot does not obey velocities; empty if it does."""
@@ -241,8 +237,7 @@ class AssistedTeleop(Nav2Action):
             return refusal
         if (owner := self.context.gate.wheel_owner.name) and not self._overrides:
             return f"{owner} drives the robot"
-        info = self.context.last_known.value(RobotInfo)
-        return "" if info is None else prevention(info)
+        return velocity_objection(self.context.last_known.value(RobotInfo) or RobotInfo())
 
     def _answered(self, command: AnsweredCommand) -> None:
         """End the goal when the chassis accepts a drive: it may report the start a second later."""
@@ -255,8 +250,10 @@ class AssistedTeleop(Nav2Action):
         return self.context.settings().velocity_limits.override
 
     def _other_owner(self) -> str:
-        """Return what drives the robot besides this action; empty if nothing does."""
-        # without Nav2's goals: that of this action would keep its driver from the zero after a loss
+        """Return what drives the robot besides this action; empty if nothing does.
+
+        It leaves out the goals of Nav2's actions, because the goal of this action is one of them.
+        """
         owner = self.context.gate.wheel_owner.name
         return owner or ("a goal" if self.context.actions.running_goals else "")
 
@@ -266,7 +263,7 @@ class AssistedTeleop(Nav2Action):
         values = (twist.linear.x, twist.linear.y, twist.angular.z)
         published = self._clock.of_message(info, taken)
         self._driver.note_number(info.get(NUMBER))
-        if self._goal is None:
+        if self._goal is None or self._goal.is_ending:
             # not sent, but after a stop, the driver has to know whether the sender pauses
             self._driver.note_received(any(values), published)
             return
@@ -276,5 +273,6 @@ class AssistedTeleop(Nav2Action):
         self._driver.drive(*values, published)
 
     def _preempt(self, _message: Any) -> None:
-        if self._goal is not None and not self._preempted.done():
-            self._preempted.set_result(None)
+        """End the goal with success."""
+        if self._goal is not None:
+            self._goal.stop(GoalEnd(outcome=Outcome.SUCCEEDED))

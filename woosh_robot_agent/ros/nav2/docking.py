@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from google.protobuf.message import Message
 
@@ -17,7 +17,8 @@ from woosh_robot_agent.pb.ros.action_pb2 import ChargeControl, kExecute
 from woosh_robot_agent.pb.util import action_pb2 as action
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.robot.readiness import is_charging
-from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, to_duration
+from woosh_robot_agent.ros.nav2.action import Nav2Action
+from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Context, Nav2Goal, to_duration
 from woosh_robot_agent.ros.nav2.navigation import transform_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
@@ -26,56 +27,41 @@ _NEAR = 1.0
 _DOCKED = 0.3
 """Maximum distance between a docked robot and its charger, in metres. A robot that has backed
 out is farther away."""
-
-
-class _Phase(NamedTuple):
-    """A phase of docking."""
-
-    state: str
-    """Name of the state in the feedback."""
-    error: str
-    """Name of the error code if the goal fails in this phase."""
-
-
 _PHASES = {
-    action.kNav: _Phase("NAV_TO_STAGING_POSE", "FAILED_TO_STAGE"),
-    action.kSecondposEnter: _Phase("INITIAL_PERCEPTION", "FAILED_TO_DETECT_DOCK"),
-    action.kStepCtrl: _Phase("CONTROLLING", "FAILED_TO_CONTROL"),
-    action.kCharge: _Phase("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
+    action.kNav: ("NAV_TO_STAGING_POSE", "FAILED_TO_STAGE"),
+    action.kSecondposEnter: ("INITIAL_PERCEPTION", "FAILED_TO_DETECT_DOCK"),
+    action.kStepCtrl: ("CONTROLLING", "FAILED_TO_CONTROL"),
+    action.kCharge: ("WAIT_FOR_CHARGE", "FAILED_TO_CHARGE"),
 }
-"""Phases of docking, by the action of the charging task that the chassis executes."""
+"""Phases of docking, by the action of the charging task that the chassis executes: the name of the
+state in the feedback, and of the error code if the goal fails in this phase."""
 
 
-class _Docking(Nav2Action):
-    """An action that concerns chargers."""
+async def _find_chargers(context: Nav2Context) -> dict[str, tuple[float, float]]:
+    """Return the positions of the chargers in the map, by their marks; {} if none are listed.
+
+    Raises:
+        LinkError: the chassis does not answer.
+    """
+    answer = await context.chassis.request(context.requests.address(storage_edit_pb2.Storages()))
+    positions: dict[str, tuple[float, float]] = {}
+    for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
+        pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
+        positions[charger.identity.no] = (pose.x, pose.y)
+    return positions
+
+
+class DockRobot(Nav2Action):
+    """Docks the robot at a charger by a task of the chassis; succeeds when the robot charges."""
+
+    name = "dock_robot"
+    is_paused_by_emergency_stop = True
 
     @property
     def is_charging(self) -> bool:
         """True if the robot reports that it is charging."""
         battery = self.context.last_known.value(Battery)
         return battery is not None and is_charging(battery)
-
-    async def chargers(self) -> dict[str, tuple[float, float]]:
-        """Return the positions of the chargers in the map, by their marks; {} if none are listed.
-
-        Raises:
-            LinkError: the chassis does not answer.
-        """
-        answer = await self.context.chassis.request(
-            self.context.requests.address(storage_edit_pb2.Storages())
-        )
-        positions: dict[str, tuple[float, float]] = {}
-        for charger in answer.body.chargers if isinstance(answer.body, Storages) else ():
-            pose = charger.pose.dock if charger.pose.HasField("dock") else charger.pose.real
-            positions[charger.identity.no] = (pose.x, pose.y)
-        return positions
-
-
-class DockRobot(_Docking):
-    """Docks the robot at a charger by a task of the chassis; succeeds when the robot charges."""
-
-    name = "dock_robot"
-    is_paused_by_stop = True
 
     async def check(self, request: Any) -> None:
         if not request.use_dock_id:
@@ -84,15 +70,26 @@ class DockRobot(_Docking):
         self.log_unused(request, "navigate_to_staging_pose", True)
 
     async def execute(self, goal: Nav2Goal) -> None:
-        request = goal.request
-        chargers = await goal.run(self.chargers(), "chargers")
-        mark = self._find_mark(request, chargers)
+        chargers = await goal.run(_find_chargers(self.context), "chargers")
+        mark = self._find_mark(goal.request, chargers)
+        if not self._is_docked(mark, chargers):
+            await self._dock(goal, mark)
+
+    def _is_docked(self, mark: str, chargers: Mapping[str, tuple[float, float]]) -> bool:
+        """Return True if the robot charges at a charger, given by its mark."""
         here = self.context.pose.pose
-        if self.is_charging and here is not None:
-            distance, docked_at = _nearest(chargers, here)
-            if distance <= _NEAR and mark == docked_at:
-                return  # the robot is docked there already
-        seconds = float(request.max_staging_time)
+        if here is None or not self.is_charging:
+            return False
+        distance, nearest = _nearest(chargers, here)
+        return distance <= _NEAR and nearest == mark
+
+    async def _dock(self, goal: Nav2Goal, mark: str) -> None:
+        """Let the chassis execute a charging task, until the robot charges.
+
+        Args:
+            mark: mark of the charger; empty if the robot must choose a charger.
+        """
+        seconds = float(goal.request.max_staging_time)
         late = f"the robot has not come to the charger within max_staging_time, {seconds:g} s"
         goal.set_timeout(seconds, GoalEnd(late, "FAILED_TO_STAGE"))
         phase = action.kNav
@@ -110,14 +107,15 @@ class DockRobot(_Docking):
 
         def tick() -> None:
             reasons = self.context.objections_except_busy
-            # `is_cancelled`, not `is_ending`: after the service `stop`, the goal is ending, but its
-            # task may only be paused, and must then be cancelled
-            if is_paused and reasons and not goal.is_cancelled:
+            # also if the service `stop` is ending the goal: it may only have paused the task
+            if is_paused and reasons and not goal.is_stopped:
                 # the task could stay paused for ever, or the robot could later drive on by itself
                 goal.stop(GoalEnd("; ".join(map(str, reasons))))
-            feedback = self.action_type.Feedback
-            state = getattr(feedback, _PHASES[phase].state)
-            goal.feedback(state=state, docking_time=to_duration(goal.elapsed))
+            state, _ = _PHASES[phase]
+            goal.feedback(
+                state=getattr(self.action_type.Feedback, state),
+                docking_time=to_duration(goal.elapsed),
+            )
 
         try:
             await goal.run_command(
@@ -128,7 +126,7 @@ class DockRobot(_Docking):
             )
         except GoalEnd as end:
             if end.code == "UNKNOWN":
-                end.code = _PHASES[phase].error
+                _, end.code = _PHASES[phase]
             raise
 
     def _find_mark(self, request: Any, chargers: Mapping[str, tuple[float, float]]) -> str:
@@ -165,7 +163,7 @@ def _nearest(chargers: Mapping[str, tuple[float, float]], pose: Pose2D) -> tuple
     return min(distances, default=(math.inf, ""))
 
 
-class UndockRobot(_Docking):
+class UndockRobot(Nav2Action):
     """Ends a charging task, and backs the robot out of the charger."""
 
     name = "undock_robot"
@@ -188,10 +186,10 @@ class UndockRobot(_Docking):
             raise
 
     async def _check_docked(self) -> None:
-        """Check that the robot charges by itself, or stands in a charger.
+        """Check that the robot is in a charger.
 
-        If it does not charge by itself, its place decides: a full robot in a charger does not
-        charge, and a robot that a person has plugged in may be anywhere.
+        It is if it charges by itself (`kAuto`). Otherwise, its place decides: a full robot does not
+        charge in a charger, and a robot that a person has plugged in may charge anywhere.
 
         Raises:
             GoalEnd: the robot is in no charger, or its pose is unknown.
@@ -203,7 +201,7 @@ class UndockRobot(_Docking):
         here = self.context.pose.pose
         if here is None:
             raise GoalEnd("the robot's pose is not known: wait for the link to the robot")
-        distance, _ = _nearest(await self.chargers(), here)
+        distance, _ = _nearest(await _find_chargers(self.context), here)
         if distance > _DOCKED:
             raise GoalEnd(
                 "the robot is in no charger: it does not charge by itself, and no charger is "

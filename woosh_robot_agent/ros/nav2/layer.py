@@ -8,11 +8,12 @@ from functools import partial
 from nav2_msgs import action as nav2_actions
 
 from woosh_robot_agent.ros.actions.actions import Actions
+from woosh_robot_agent.ros.nav2.action import Nav2Action
 from woosh_robot_agent.ros.nav2.behaviors import AssistedTeleop, BackUp, DriveOnHeading, Spin, Wait
 from woosh_robot_agent.ros.nav2.cancels import CancelLog
 from woosh_robot_agent.ros.nav2.docking import DockRobot, UndockRobot
 from woosh_robot_agent.ros.nav2.frames import Frames
-from woosh_robot_agent.ros.nav2.goals import DrivingSlot, Nav2Action, Nav2Context
+from woosh_robot_agent.ros.nav2.goals import Nav2Context
 from woosh_robot_agent.ros.nav2.navigation import (
     FollowWaypoints,
     NavigateThroughPoses,
@@ -22,6 +23,7 @@ from woosh_robot_agent.ros.nav2.navigation import (
 from woosh_robot_agent.ros.nav2.planning import ComputePathThroughPoses, ComputePathToPose
 from woosh_robot_agent.ros.nav2.pose import RobotPose
 from woosh_robot_agent.ros.nav2.servers import Costmaps, Lifecycle, MapServer
+from woosh_robot_agent.ros.nav2.slots import DrivingSlot
 from woosh_robot_agent.ros.standard.layer import keep_running
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D
@@ -66,27 +68,25 @@ class Nav2Layer:
     ) -> None:
         pose = RobotPose(standard)
         frames = Frames(standard, lambda: pose.pose, map_to_odom)
-        gate = standard.gate
-        driving = DrivingSlot(standard.chassis, gate)
+        self._driving = DrivingSlot(standard.chassis, standard.gate, standard.last_known)
         self._context = Nav2Context(
             **vars(standard),
             actions=actions,
             frames=frames,
             pose=pose,
-            driving=driving,
-            cancels=CancelLog(gate),
+            cancels=CancelLog(standard.gate),
             result_timeout=result_timeout,
         )
-        self._teleop = AssistedTeleop(self._context)
+        self._teleop = AssistedTeleop(self._context, self._driving)
         self._actions: list[Nav2Action] = [self._teleop]
-        self.speed_limit = SpeedLimit(standard, driving)
+        self.speed_limit = SpeedLimit(standard, self._driving)
 
     def start(self) -> None:
         """Create the other actions and the services, and start AssistedTeleop."""
         context = self._context
         for action in _ACTIONS:
             if hasattr(nav2_actions, BY_NAME[action.name].type.partition("/")[2]):
-                self._actions.append(action(self._context))
+                self._actions.append(action(context, self._driving))
         Lifecycle(context)
         MapServer(context)
         Costmaps(context)
@@ -100,7 +100,7 @@ class Nav2Layer:
     @property
     def driving_goals(self) -> int:
         """Number of goals that move the robot and have not ended. Use it in the link thread."""
-        return len(self._context.driving.running)
+        return len(self._driving.running)
 
     async def stop(self) -> None:
         """Abort the goals that have not ended. Call it in the link thread."""

@@ -20,16 +20,16 @@ from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, kExecute
 from woosh_robot_agent.pb.util.common_pb2 import Pose2D as ChassisPose
 from woosh_robot_agent.ros.actions.goal import Cause
 from woosh_robot_agent.ros.actions.server import RejectedError
+from woosh_robot_agent.ros.nav2.action import Nav2Action
 from woosh_robot_agent.ros.nav2.frames import Frames
 from woosh_robot_agent.ros.nav2.goals import (
-    DrivingSlot,
     FailedCommand,
     GoalEnd,
-    Nav2Action,
     Nav2Context,
     Nav2Goal,
     to_duration,
 )
+from woosh_robot_agent.ros.nav2.slots import DrivingSlot
 from woosh_robot_agent.ros.standard.part import PartContext
 from woosh_robot_agent.ros.standard.poses import Pose2D, from_pose
 
@@ -40,7 +40,7 @@ pose on the way counts as passed."""
 _FIRST_SPEED = 0.5
 """Assumed speed before the robot has driven, in m/s."""
 _DRIVING = 0.05
-"""Speed from which the robot drives, instead of turning, in m/s."""
+"""Minimum speed that counts as driving, in m/s; a robot that turns on the spot is slower."""
 _STEADY = 0.02
 """Maximum difference of two successive reports that counts as a steady speed, in m/s."""
 _MANY = 100
@@ -256,57 +256,50 @@ class NavigateThroughPoses(_Navigation):
             target_pose=stops[-1],
             execution_mode=MoveBase.kOneByOne,
         )
-        end: GoalEnd | None = None
         try:
             await goal.run_command(command, tick=lambda: self._publish(goal, poses, progress))
-        except GoalEnd as reason:
-            end = reason
-            is_refused = isinstance(reason, FailedCommand) and reason.cause is Cause.REFUSAL
+        except GoalEnd as end:
+            is_refused = isinstance(end, FailedCommand) and end.cause is Cause.REFUSAL
             if is_refused and len(poses) > _MANY:
                 many = f"the goal has {len(poses)} poses, which may be too many: send fewer"
-                end = GoalEnd(f"{reason}; {many}")
+                end = GoalEnd(f"{end}; {many}")
+            left = progress.stops_left()
+            goal.result = self.action_type.Result(**self._statuses(poses, left, str(end)))
             raise end from None
-        finally:
-            if hasattr(goal.result, "waypoint_statuses"):
-                passed = len(poses) if end is None else len(poses) - progress.stops_left()
-                goal.result.waypoint_statuses = _statuses(poses, passed, str(end or ""))
+        goal.result = self.action_type.Result(**self._statuses(poses, 0))
 
     def _publish(self, goal: Nav2Goal, poses: Sequence[PoseStamped], progress: Progress) -> None:
         left = progress.stops_left()
-        fields: dict[str, Any] = {"number_of_poses_remaining": left}
-        if hasattr(goal.result, "waypoint_statuses"):
-            fields["waypoint_statuses"] = _statuses(poses, len(poses) - left)
-        self.publish(goal, progress, **fields)
+        statuses = self._statuses(poses, left)
+        self.publish(goal, progress, number_of_poses_remaining=left, **statuses)
 
+    def _statuses(
+        self, poses: Sequence[PoseStamped], left: int, failure: str = ""
+    ) -> dict[str, Any]:
+        """Return the field of feedback and results with the states of the poses; {} before Kilted.
 
-def _statuses(poses: Sequence[PoseStamped], passed: int, failure: str = "") -> list[Any]:
-    """Return the states of the poses of a goal as WaypointStatus, which exists since Kilted.
-
-    Args:
-        passed: number of poses that the robot has passed.
-        failure: why the robot does not reach the other poses; empty while it may reach them.
-    """
-    status = class_of("nav2_msgs/WaypointStatus")
-    waiting = status.FAILED if failure else status.PENDING
-    return [
-        status(
-            waypoint_status=status.COMPLETED if number < passed else waiting,
-            waypoint_index=number,
-            waypoint_pose=pose,
-            error_msg="" if number < passed else failure,
-        )
-        for number, pose in enumerate(poses)
-    ]
-
-
-_LATE_REPORT = (
-    "the robot reached waypoint {} while the link was lost, and what happened since is not known: "
-    "send the remaining waypoints again"
-)
+        Args:
+            left: number of poses that the robot has not passed.
+            failure: why it does not reach them; empty while it may reach them.
+        """
+        if not hasattr(self.action_type.Result, "waypoint_statuses"):
+            return {}
+        status = class_of("nav2_msgs/WaypointStatus")
+        passed, waiting = len(poses) - left, status.FAILED if failure else status.PENDING
+        statuses = [
+            status(
+                waypoint_status=status.COMPLETED if number < passed else waiting,
+                waypoint_index=number,
+                waypoint_pose=pose,
+                error_msg="" if number < passed else failure,
+            )
+            for number, pose in enumerate(poses)
+        ]
+        return {"waypoint_statuses": statuses}
 
 
 class FollowWaypoints(_Navigation):
-    """Drives to one pose after the other. A pose that cannot be reached is left out."""
+    """Drives to one pose after the other. A pose that the robot cannot reach is missed."""
 
     name = "follow_waypoints"
 
@@ -322,12 +315,15 @@ class FollowWaypoints(_Navigation):
 
     async def execute(self, goal: Nav2Goal) -> None:
         poses, first = goal.request.poses, _first_waypoint(goal.request)
-        cause: Cause | None = None  # who decided the end of the last drive
+        cause: Cause | None = None  # who decided that the waypoint before was reached
         for loop in range(getattr(goal.request, "number_of_loops", 0) + 1):
             for number in range(0 if loop else first, len(poses)):
                 if cause is Cause.LATE_REPORT:
-                    # this concerns the waypoint before, perhaps the last one of the loop before
-                    raise GoalEnd(_LATE_REPORT.format((number - 1) % len(poses)))
+                    before = (number - 1) % len(poses)  # perhaps the last one of the loop before
+                    raise GoalEnd(
+                        f"the robot reached waypoint {before} while the link was lost, and what "
+                        "happened since is not known: send the remaining waypoints again"
+                    )
                 cause = await self._visit(goal, number, poses[number])
 
     async def _visit(self, goal: Nav2Goal, number: int, pose: PoseStamped) -> Cause | None:

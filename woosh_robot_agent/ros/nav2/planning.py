@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -14,7 +15,8 @@ from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath
 from woosh_robot_agent.robot.readiness import LOST, NOT_INITIALISED
-from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Action, Nav2Goal, to_duration
+from woosh_robot_agent.ros.nav2.action import Nav2Action
+from woosh_robot_agent.ros.nav2.goals import GoalEnd, Nav2Goal, to_duration
 from woosh_robot_agent.ros.nav2.navigation import chassis_pose, poses_in, transform_all
 from woosh_robot_agent.ros.standard.poses import Pose2D, to_pose
 
@@ -24,26 +26,22 @@ class _Planning(Nav2Action):
 
     drives = False
 
-    async def transform(self, request: Any, goals: Sequence[PoseStamped]) -> None:
-        """Transform the poses of a request, in place, into the frame of the map.
+    @abstractmethod
+    def poses(self, request: Any) -> list[PoseStamped]:
+        """Return the poses to which a goal wants a path, one after the other."""
 
-        Raises:
-            RejectedError: a pose is invalid, or in a frame that is not known.
-        """
-        poses = [*goals, request.start] if request.use_start else goals
-        await transform_all(self.context.frames, poses)
+    async def check(self, request: Any) -> None:
+        start = [request.start] if request.use_start else []
+        await transform_all(self.context.frames, [*self.poses(request), *start])
         self.log_unused(request, "planner_id")
 
-    async def plan(self, goal: Nav2Goal, goals: Sequence[PoseStamped]) -> None:
-        """Plan the path to some poses, one after the other, and store it in the goal's result.
-
-        Raises:
-            GoalEnd: there is no such path, the robot's pose is not known, the chassis does not
-                answer, or the goal has ended before.
-        """
+    async def execute(self, goal: Nav2Goal) -> None:
+        poses = self.poses(goal.request)
+        if not poses:
+            raise GoalEnd("the goal has no poses: give at least one", "NO_VIAPOINTS_GIVEN")
         start = goal.request.start if goal.request.use_start else self._robot_pose()
         try:
-            goal.result.path = await goal.run(self._path([start, *goals]), "path")
+            goal.result.path = await goal.run(self._path([start, *poses]), "path")
         finally:
             goal.result.planning_time = to_duration(goal.elapsed)
 
@@ -76,12 +74,12 @@ class _Planning(Nav2Action):
             code = "TIMEOUT" if isinstance(error, RequestTimeoutError) else "UNKNOWN"
             raise GoalEnd(str(error), code) from None
         if not answer.ok:
-            here, there = (
-                f"({each.pose.position.x:.2f}, {each.pose.position.y:.2f})" for each in (start, end)
-            )
             for objection in self.context.objections_except_busy:
                 if objection in (NOT_INITIALISED, LOST):
                     raise GoalEnd(f"{objection} (the chassis: {answer.reason})")
+            here, there = (
+                f"({each.pose.position.x:.2f}, {each.pose.position.y:.2f})" for each in (start, end)
+            )
             text = f"no free path from {here} to {there}: choose a goal on free floor"
             raise GoalEnd(f"{text} (the chassis: {answer.reason})", "NO_VALID_PATH")
         # firmware answers with the type NavPath or PlanNavPath; the content is a NavPath
@@ -102,11 +100,8 @@ class ComputePathToPose(_Planning):
 
     name = "compute_path_to_pose"
 
-    async def check(self, request: Any) -> None:
-        await self.transform(request, [request.goal])
-
-    async def execute(self, goal: Nav2Goal) -> None:
-        await self.plan(goal, [goal.request.goal])
+    def poses(self, request: Any) -> list[PoseStamped]:
+        return [request.goal]
 
 
 class ComputePathThroughPoses(_Planning):
@@ -114,11 +109,5 @@ class ComputePathThroughPoses(_Planning):
 
     name = "compute_path_through_poses"
 
-    async def check(self, request: Any) -> None:
-        await self.transform(request, poses_in(request.goals))
-
-    async def execute(self, goal: Nav2Goal) -> None:
-        goals = poses_in(goal.request.goals)
-        if not goals:
-            raise GoalEnd("the goal has no poses: give at least one", "NO_VIAPOINTS_GIVEN")
-        await self.plan(goal, goals)
+    def poses(self, request: Any) -> list[PoseStamped]:
+        return poses_in(request.goals)

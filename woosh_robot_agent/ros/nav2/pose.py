@@ -90,11 +90,11 @@ class RobotPose:
         except ValueError:  # the part `odom` of the standard layer counts and logs it
             return
         now = asyncio.get_running_loop().time()
-        left = 0.0  # until there are two poses
+        to_the_left = 0.0  # until there are two poses
         if self.pose is not None and now > self.received:
-            left = pose.seen_from(self.pose).arc.left / (now - self.received)
+            to_the_left = pose.seen_from(self.pose).arc.left / (now - self.received)
         self.pose = pose
-        self.velocity = Velocity(report.twist.linear, left, report.twist.angular)
+        self.velocity = Velocity(report.twist.linear, to_the_left, report.twist.angular)
         self.received = now
         if self._published is not None and now > self._settled:
             moved = pose.seen_from(self._published)
