@@ -11,7 +11,7 @@ from woosh_robot_agent.simulator import refusals, status_codes
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
 from woosh_robot_agent.simulator.behaviour.manual_driving import Follower, Teleop
-from woosh_robot_agent.simulator.behaviour.mapping import Deployment, MapBuilder
+from woosh_robot_agent.simulator.behaviour.mapping import MapBuilder
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
 from woosh_robot_agent.simulator.body.devices import Device
@@ -66,7 +66,6 @@ class Chassis(Robot):
         self.ownership = Ownership(self, self.tasks, self.actions, self.follower, self.teleop)
         self.auto_tasks = AutoTasks(self, self.tasks, self.ownership, config)
         self.mapping = MapBuilder(self)
-        self.deployment = Deployment(self, self.mapping)
 
     @property
     def impeded(self) -> bool:
@@ -131,7 +130,6 @@ class Chassis(Robot):
             self.base.halt()
         self.base.tick(dt, self.gap)
         self.battery.tick(dt, self.base.odometer - odometer)
-        self.statistics.tick(self.base.odometer)
         if self.base.moving:
             self.actions.cancel_on(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot

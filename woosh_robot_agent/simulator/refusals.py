@@ -221,10 +221,5 @@ COLLECTING_OUTSIDE_DEPLOYMENT = Refusal(
 
 TEXT_TOO_LONG = Refusal("{field} is longer than {limit} characters: give a shorter one")
 
-# Wi-Fi
-
-NETWORK_NOT_KNOWN = Refusal("network {ssid} is not known: add it first")
-NO_SSID = Refusal("content is not a JSON object with an ssid")
-
 REFUSALS = {name: value for name, value in [*globals().items()] if isinstance(value, Refusal)}
 """All situations of this module, by name."""

@@ -198,8 +198,6 @@ class Tasks:
         """Start the current or failed job again, unless the task is being cancelled."""
         if self._canceling:
             return
-        if not self.active:  # the record of a failed task is closed: open another one
-            self._robot.statistics.task_started(self.proc.robot_task_id, self.proc.dest)
         self._stop_working()
         self.proc.state = self._running_state()
         self._scheduled.add(self._order_delay(), self._begin_job)
@@ -292,7 +290,6 @@ class Tasks:
             state=util_task_pb2.kInit,
             dest=order.dest,
         )
-        self._robot.statistics.task_started(order.id, order.dest)
         # Real robots push an empty report first if they have chosen the id.
         if order.own_id and self._profile.empty_report:
             self._push(self._empty_report())
@@ -424,7 +421,6 @@ class Tasks:
         self._report(state, action_state, reason)
         self.proc.state = state
         self.history.append(self.reported)
-        self._robot.statistics.task_ended(state)
         empty_report = self._profile.empty_report
         if empty_report is None:  # the last report stays
             self.state = _NO_STATE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from google.protobuf.message import Message
 
@@ -12,7 +12,7 @@ from woosh_robot_agent.pb.map import map_pack_pb2, mark_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.mapping import POINT_LISTS, CollectedPoint, require_name
+from woosh_robot_agent.simulator.behaviour.mapping import require_name
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
@@ -68,7 +68,6 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> None:
         scene = named_scene(chassis, name)
     map_name = request.map_name or scene_files.first_map(scene, request.file_datas)
     chassis.switch_map(scene, named_map(scene, map_name))
-    chassis.deployment.end_session()
 
 
 def _scene_of_map(chassis: Chassis, map_name: str) -> str:
@@ -248,16 +247,10 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
         require_map_changeable(chassis)
         start = mapping.add if kind == pack.BuildMap.kAdd else mapping.update
         duration = start(request.scene_name, request.map_name)
-        chassis.deployment.end_session()
     elif kind == pack.BuildMap.kSave:
         duration = mapping.save()
     elif kind == pack.BuildMap.kCanel:  # cancel; the misspelling is that of the schema
-        is_new_map = mapping.draft is not None
         duration = mapping.cancel()
-        if is_new_map:
-            chassis.deployment.end_session()  # the collected points went with the map
-        else:
-            chassis.deployment.cancel()  # the map stays, without the collected points
     else:
         raise RefusedError(f"unknown type {kind} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save")
     # The answer comes when the map is started, saved or cancelled.
@@ -266,46 +259,15 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
 
 @command(pack.Deployment)
 def _deployment(chassis: Chassis, request: pack.Deployment) -> Message:
-    """Collect or remove points of the map, or calibrate its reflectors."""
-    _check_deployment(chassis, request)
-    chassis.deployment.require_ready()
-    kind, mode = request.type, request.mode
-    points: Sequence[CollectedPoint] = []
-    if mode == pack.kDepCollect:
-        given = pose(request.pose)
-        # Some clients send an empty pose if they mean the pose of the robot.
-        where = given if request.HasField("pose") and given != Pose() else None
-        points = [chassis.deployment.collect(kind, where)]
-    elif mode == pack.kDepCancel:
-        chassis.deployment.cancel([kind] if kind else list(POINT_LISTS))
-    else:
-        points = chassis.deployment.calibrate()
-    markers = [
-        pack.DeploymentResponse.Marker(id=each.id, pose=pose2d(each.pose)) for each in points
-    ]
+    if (request.type, request.mode) != (pack.kMark, pack.kDepCollect):
+        raise RefusedError("this chassis collects marks only: send type 4 (mark), mode 1 (collect)")
+    given = pose(request.pose)
+    # Some clients send an empty pose if they mean the pose of the robot.
+    mark = chassis.mapping.collect_mark(None if given == Pose() else given)
+    marker = pack.DeploymentResponse.Marker(id=mark.id, pose=pose2d(mark.pose))
     return pack.DeploymentResponse(
-        type=kind, mode=mode, markers=markers, check_times=1 if markers else 0
+        type=request.type, mode=request.mode, markers=[marker], check_times=1
     )
-
-
-def _check_deployment(chassis: Chassis, request: pack.Deployment) -> None:
-    """Raise RefusedError if a Deployment is for another robot, or its type or mode is invalid."""
-    kind, mode = request.type, request.mode
-    if request.robot_id not in (0, chassis.robot_id):
-        raise RefusedError(
-            f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
-        )
-    # Only collecting needs a type; without a type, a cancel concerns all kinds of points.
-    if kind not in POINT_LISTS and (kind or mode == pack.kDepCollect):
-        raise RefusedError(
-            f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
-        )
-    if mode not in (pack.kDepCollect, pack.kDepCancel, pack.kDepReflector):
-        raise RefusedError(
-            f"unknown mode {mode} of Deployment: 1 is collect, 2 cancel, 3 calibrate"
-        )
-    if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
-        raise RefusedError("only reflectors can be calibrated: use type 3")
 
 
 _MAX_MARK_NUMBER = 100
