@@ -29,7 +29,6 @@ from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.files import MAX_SCENES
 from woosh_robot_agent.simulator.scenes.robot_files import MAX_MARKS
 from woosh_robot_agent.simulator.scenes.scene import (
-    SCENE_INDEX,
     Scene,
     files_of,
     free_id,
@@ -53,16 +52,6 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> None:
         name = request.scene_name or chassis.scene.name
         old = _old_scene(chassis, name)
         scene = scene_files.updated_scene(name, old, request.file_datas)
-        if scene is None:
-            # No file describes the new scene: it gets the current map under a new name.
-            map_name = request.map_name or name
-            require_name("map_name", map_name)
-            files = scene_files.merge_files({}, request.file_datas)
-            area = dataclasses.replace(chassis.map, name=map_name, version=1)
-            scene = dataclasses.replace(
-                chassis.scene, name=name, maps=[area], start_map="", files=files
-            )
-            scene_files.check_map_files(scene)
     else:
         name = request.scene_name or _scene_of_map(chassis, request.map_name)
         scene = named_scene(chassis, name)
@@ -92,14 +81,8 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> None:
     old = _old_scene(chassis, name)
     if old is chassis.scene:
         _require_idle(chassis)
-    scene_files.check_pictures(request.file_datas)
     full = request.method == map_pack_pb2.Upload.kFull
     scene = scene_files.updated_scene(name, old, request.file_datas, replace=full)
-    if scene is None:
-        raise RefusedError(
-            f"no file describes a map of scene {name}: add {SCENE_INDEX} with the folders of its "
-            "maps, or the YAML file and the picture of a map of map_server"
-        )
     if old is chassis.scene and scene.map(chassis.map.name) is None:
         raise RefusedError(
             f"the upload has no map {chassis.map.name}, which the robot is on: add it, or "
