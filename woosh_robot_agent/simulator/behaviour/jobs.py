@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
@@ -102,7 +102,7 @@ def failed(reason: str, code: int = 0) -> Progress:
 
 
 class Done(Job):
-    """Ends at once and reports `text`: the request itself did all work, e.g. it set a mode."""
+    """Ends at once and reports `text`: nothing is left to do after the request."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -345,31 +345,6 @@ class Charge(Job):
         self._time = 0.0
         if not self._keeps_charging:
             robot.battery.charging = robot_pb2.Battery.kNot
-
-
-class LeaveCharger(Job):
-    """Ends the charge, if there is one, and leaves the charger, if the robot is in one."""
-
-    device = Device.WHEELS
-    kind = util_action_pb2.kSecondposQuit
-
-    def __init__(self) -> None:
-        self._way_out: Job | None = None
-        """The job that drives out of the charger, None before it has started."""
-
-    def tick(self, robot: Robot, dt: float) -> Progress:
-        robot.battery.charging = robot_pb2.Battery.kNot
-        if self._way_out is None:
-            if robot.charger is None:
-                return Progress(done=True, text="not at a charger")
-            self._way_out = leave_charger_job(robot, robot.charger)
-        progress = self._way_out.tick(robot, dt)
-        return replace(progress, text="left the charger") if progress.done else progress
-
-    def suspend(self, robot: Robot) -> None:
-        """Reset the timeout for obstacles."""
-        if self._way_out:
-            self._way_out.suspend(robot)
 
 
 def leave_charger_job(robot: Robot, charger: Mark) -> Job:

@@ -19,11 +19,11 @@ from woosh_robot_agent.simulator.behaviour.jobs import (
     Charge,
     Done,
     Job,
-    LeaveCharger,
     MoveLift,
     Shift,
     Steps,
     Turn,
+    leave_charger_job,
 )
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate, NoRouteError, plan_route
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
@@ -223,7 +223,9 @@ def _charge_control(chassis: Chassis, action: action_pb2.ChargeControl) -> Job:
             raise RefusedError("robot is not at a charger: start a charge task instead")
         return Charge()
     if action.execute_mode == action_pb2.ChargeControl.kExit:
-        return LeaveCharger()
+        if chassis.charger is None:
+            return Done("not at a charger")
+        return leave_charger_job(chassis, chassis.charger)
     raise RefusedError(f"unknown charge mode {action.execute_mode}: 1 is automatic, 2 is exit")
 
 
