@@ -32,10 +32,9 @@ _MAX_SPOKEN = 50
 class Chassis(Robot):
     """The robot with everything that it does, without sockets and without a clock of its own.
 
-    `tick` advances the simulated time by a step, and makes the scheduled calls that are due in it.
-    Within a step, `run_until` makes scheduled calls at their exact times. Requests change the state
-    at any time. Events, e.g. status codes, must all be pushed; they are collected until
-    `take_events` returns them.
+    `tick` advances the simulated time by a step. `run_until` makes the scheduled calls between two
+    steps at their exact times. Requests change the state at any time. `take_events` returns the
+    messages to push.
 
     Raises:
         DataFileError: the file of the profile or of a scene cannot be used.
@@ -194,7 +193,7 @@ class Chassis(Robot):
             self.base.halt()
             self.teleop.release()
         if readiness.refusal:
-            self.ownership.suspend_all(readiness.refusal.reason)
+            self.ownership.stop_jobs(readiness.refusal.reason)
 
     def _report_control_mode(self) -> None:
         """Report the control mode if it has changed.

@@ -46,8 +46,8 @@ class Robot(Timeline):
         rng: random number generator for everything that varies, e.g. answer times.
         answer_delay: time until the current request is answered, in seconds. The handler of the
             request may change it.
-        state_first: True if the changes that the current request causes are pushed before its
-            answer.
+        state_first: True if the states that the current request changes are pushed before its
+            answer, not after it.
         scenes: known scenes, by name.
         scene: current scene.
         map: current map.
@@ -71,8 +71,7 @@ class Robot(Timeline):
         self.profile = load_profile(config.profile)
         self.omnidirectional = config.omnidirectional
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
-        """Seed of `rng` and of the laser noise. Each appends a text of its own to it, so that the
-        two have different random numbers."""
+        """Seed of `rng` and of the laser noise, which append different texts to it."""
         self.rng = random.Random(f"{self._seed}:chance")
         self.answer_delay = 0.0
         self.state_first = False

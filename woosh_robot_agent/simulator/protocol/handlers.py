@@ -66,10 +66,10 @@ class Answer:
     """The answer to a request.
 
     Attributes:
-        type: full protobuf name of the body; without a body, the one of the request, or `error` if
-            no request has its type.
+        type: full protobuf name of the body; without a body, that of the request, or `error` if
+            the request is unknown.
         body: body, None for an empty body.
-        ok: True if the request was executed, or merely has no effect and gets an explanation.
+        ok: True if the request was executed, or if its refusal is `harmless` and explained.
         msg: text for people; the reason if the request was refused; empty for most queries.
         code: status code that follows the answer, None if there is none.
     """

@@ -440,7 +440,8 @@ class StateWatch:
     def take_changes(self, *, while_moving: bool) -> list[Message]:
         """Return the periodic reports that are due and the states that have changed, once each.
 
-        PoseSpeed, which changes with every step of a moving robot, only if `while_moving`.
+        Args:
+            while_moving: False to leave out PoseSpeed, which each step of a moving robot changes.
         """
         messages = []
         for topic, last_due in self._due.items():
