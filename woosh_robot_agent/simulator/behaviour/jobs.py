@@ -282,31 +282,28 @@ class Steps(Job):
 
 
 class MoveLift(Job):
-    """Moves a lift to one height after the other.
+    """Moves a lift.
 
     Args:
-        heights: at least one height that the lift can reach, in metres.
+        height: a height that the lift can reach, in metres.
         speed: speed, in m/s; 0 for the default of the lift.
     """
 
     kind = util_action_pb2.kCarry
 
-    def __init__(self, lift: Lift, *heights: float, speed: float = 0.0) -> None:
+    def __init__(self, lift: Lift, height: float, speed: float = 0.0) -> None:
         self.device = lift.device
         self._lift = lift
-        self._heights = list(heights)
-        """Heights that the lift has not reached yet, in metres."""
+        self._goal = height
         self._speed = speed or lift.default_speed
 
     def tick(self, robot: Robot, dt: float) -> Progress:
-        if not robot.readiness.motors_on:  # the lift stands
-            return Progress(text=f"at {self._lift.height:.3f} m")
-        distance = self._heights[0] - self._lift.height
-        if abs(distance) <= self._speed * dt:
-            self._lift.height = self._heights.pop(0)
-        else:
-            self._lift.height += math.copysign(self._speed * dt, distance)
-        return Progress(done=not self._heights, text=f"at {self._lift.height:.3f} m")
+        lift, step = self._lift, self._speed * dt
+        if robot.readiness.motors_on:
+            distance = self._goal - lift.height
+            arrives = abs(distance) <= step
+            lift.height = self._goal if arrives else lift.height + math.copysign(step, distance)
+        return Progress(done=lift.height == self._goal, text=f"at {lift.height:.3f} m")
 
 
 class Charge(Job):

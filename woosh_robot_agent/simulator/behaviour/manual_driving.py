@@ -24,7 +24,7 @@ _MAX_LEADER_BEARING = 1.0
 """Bearing up to which the robot sees a leader, in radians."""
 
 _MAX_DRIVING_BEARING = 0.3
-"""Bearing of the leader up to which the robot drives; beyond it, it only turns, in radians."""
+"""Bearing of the leader from which on the robot only turns, in radians."""
 
 _FOLLOWING_SPEED = 0.8
 """Maximum speed while following, in m/s."""

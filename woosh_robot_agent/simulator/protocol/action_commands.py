@@ -207,10 +207,8 @@ def _lift_control3(chassis: Chassis, action: action_pb2.LiftControl3) -> Job:
     if mode == _Lift3.kRelative:
         height = column.checked(column.height + action.height)
         return MoveLift(column, height, speed=speed)
-    if mode == _Lift3.kCalibration:
+    if mode in (_Lift3.kCalibration, _Lift3.kTsetMode):  # no document says what the latter does
         return MoveLift(column, 0.0, speed=speed)
-    if mode == _Lift3.kTsetMode:  # the test mode: once up and down
-        return MoveLift(column, 0.0, column.travel, 0.0, speed=speed)
     raise RefusedError(
         f"unknown lift mode {mode}: 0 is query, 1 absolute, 2 relative, 3 calibration"
     )
