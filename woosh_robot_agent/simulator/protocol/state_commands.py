@@ -96,13 +96,6 @@ def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Message:
     return copy_of(chassis.setting.sound)
 
 
-_MAX_SPEECH = 1000
-"""Number of characters of a spoken text that are kept; the rest is cut off."""
-
-_MAX_LIGHT = 15
-"""Maximum number of a submodule of the lights. The schema does not say which submodules exist."""
-
-
 @command(pack.InitRobot)
 def _init_robot(chassis: Chassis, request: pack.InitRobot) -> None:
     """Set the pose, end all driving and the task, and initialise the robot."""
@@ -188,9 +181,17 @@ def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Messa
     return pack.SwitchFootPrint(type=chassis.footprint)
 
 
+_MAX_SPEECH = 1000
+"""Number of characters of a spoken text that are kept; the rest is cut off."""
+
+
 @command(pack.Speak)
 def _speak(chassis: Chassis, request: pack.Speak) -> None:
     chassis.spoken.append(request.text[:_MAX_SPEECH])
+
+
+_MAX_LIGHT = 15
+"""Maximum number of a submodule of the lights. The schema does not say which submodules exist."""
 
 
 @command(pack.LED)
