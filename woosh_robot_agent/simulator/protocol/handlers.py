@@ -12,13 +12,12 @@ from typing import Any, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.util import common_pb2
-from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.status_codes import Code
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map, Mark
+from woosh_robot_agent.simulator.world.maps import Mark
 
 _LOG = logging.getLogger(__name__)
 
@@ -151,15 +150,6 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
     return scene
 
 
-def named_map(scene: Scene, name: str) -> Map:
-    """Return the map called `name` of a scene, or its first map if `name` is empty."""
-    area = scene.map(name)
-    if area is None:
-        maps = ", ".join(each.name for each in scene.maps)
-        raise RefusedError(f"unknown map {name} of scene {scene.name}, which has {maps}")
-    return area
-
-
 def named_mark(chassis: Chassis, number: str) -> Mark:
     """Return the mark of the current map with this number; raise RefusedError if there is none."""
     mark = chassis.map.marks.get(number)
@@ -169,19 +159,6 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
             f"unknown mark {number} in map {chassis.map.name}: its marks are {known}"
         )
     return mark
-
-
-def require_map_changeable(chassis: Chassis) -> None:
-    """Require that the current map may change: nothing that depends on it runs or is paused."""
-    # A paused task or navigation would continue to a target on the old map.
-    if chassis.tasks.paused:
-        raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
-    if chassis.tasks.active or chassis.tasks.between_tasks:
-        raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
-    if chassis.ownership.driver:
-        raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)
-    if chassis.ownership.navigation:
-        raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
 
 
 _MIN_SPEED = 0.01

@@ -17,12 +17,10 @@ from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
     command,
-    named_map,
     named_mark,
     named_scene,
     pose,
     query,
-    require_map_changeable,
 )
 from woosh_robot_agent.simulator.protocol.reports import pose2d
 from woosh_robot_agent.simulator.refusals import RefusedError
@@ -56,7 +54,7 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> None:
         name = request.scene_name or _scene_of_map(chassis, request.map_name)
         scene = named_scene(chassis, name)
     map_name = request.map_name or scene_files.first_map(scene, request.file_datas)
-    chassis.switch_map(scene, named_map(scene, map_name))
+    chassis.switch_map(scene, _named_map(scene, map_name))
 
 
 def _scene_of_map(chassis: Chassis, map_name: str) -> str:
@@ -98,7 +96,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> None:
     old = new = named_scene(chassis, request.old_scene_name)
     current_map = chassis.map.name
     if request.old_map_name:
-        area = named_map(old, request.old_map_name)
+        area = _named_map(old, request.old_map_name)
         new = _with_map_renamed(old, area, request.new_map_name)
         if area is chassis.map:
             current_map = request.new_map_name
@@ -134,7 +132,7 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> None:
             raise RefusedError(f"the robot is in scene {scene.name}: switch to another one first")
         del chassis.scenes[scene.name]
         return
-    area = named_map(scene, request.map_name)
+    area = _named_map(scene, request.map_name)
     if area is chassis.map:
         raise RefusedError(f"the robot is on map {area.name}: switch to another one first")
     if len(scene.maps) == 1:
@@ -144,10 +142,32 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> None:
     chassis.replace_scene(scene, without_map(scene, area))
 
 
+def _require_map_changeable(chassis: Chassis) -> None:
+    """Require that the current map may change: nothing that depends on it runs or is paused."""
+    # A paused task or navigation would continue to a target on the old map.
+    if chassis.tasks.paused:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
+    if chassis.tasks.active or chassis.tasks.between_tasks:
+        raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
+    if chassis.ownership.driver:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)
+    if chassis.ownership.navigation:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
+
+
 def _require_idle(chassis: Chassis) -> None:
     """Raise RefusedError if the current map must not change now, or a map is being made."""
-    require_map_changeable(chassis)
+    _require_map_changeable(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
+
+
+def _named_map(scene: Scene, name: str) -> Map:
+    """Return the map called `name` of a scene, or its first map if `name` is empty."""
+    area = scene.map(name)
+    if area is None:
+        maps = ", ".join(each.name for each in scene.maps)
+        raise RefusedError(f"unknown map {name} of scene {scene.name}, which has {maps}")
+    return area
 
 
 def _old_scene(chassis: Chassis, name: str) -> Scene | None:
@@ -227,7 +247,7 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
     """Start to make or to update a map, save it, or cancel it."""
     mapping, kind = chassis.mapping, request.type
     if kind in (pack.BuildMap.kAdd, pack.BuildMap.kUpdate):
-        require_map_changeable(chassis)
+        _require_map_changeable(chassis)
         start = mapping.add if kind == pack.BuildMap.kAdd else mapping.update
         duration = start(request.scene_name, request.map_name)
     elif kind == pack.BuildMap.kSave:
