@@ -68,7 +68,7 @@ class Phase(Enum):
 
 
 class MapBuilder:
-    """Makes maps.
+    """Makes maps, and collects marks for them.
 
     The robot still localises itself while it makes a map, and the new map has the frame of the
     current map. After saving or cancelling, the robot has to be initialised.
@@ -113,11 +113,6 @@ class MapBuilder:
         """Raise `refusal`, which may use the values `map` and `phase`, if a map is being made."""
         if self._phase is not Phase.NONE:
             raise RefusedError(refusal, map=self._map_name, phase=self._phase.value)
-
-    def require_settled(self) -> None:
-        """Raise RefusedError while a mapping is being started, saved or cancelled."""
-        if self._phase not in (Phase.NONE, Phase.RUNNING):
-            self.require_none(refusals.MAPPING_CHANGES)
 
     def add(self, scene_name: str, map_name: str) -> float:
         """Begin to make a new map; return the time until the answer to the request, in seconds.
@@ -186,7 +181,7 @@ class MapBuilder:
         robot = self._robot
         if robot.readiness.work != util_robot_pb2.kDeployMode:
             raise RefusedError(refusals.COLLECTING_OUTSIDE_DEPLOYMENT)
-        self.require_settled()
+        self._require_settled()
         if not robot.readiness.located:
             raise RefusedError(refusals.LOCALISATION_LOST)
         area = self.draft or robot.map
@@ -232,10 +227,15 @@ class MapBuilder:
     def _require_startable(self, scene_name: str, map_name: str) -> None:
         """Raise RefusedError if no mapping can start now, or a name cannot be used."""
         self._require_modes(refusals.MAPPING_OUTSIDE_DEPLOYMENT)
-        self.require_settled()
+        self._require_settled()
         self.require_none(refusals.MAPPING_RUNS)
         require_name("scene_name", scene_name)
         require_name("map_name", map_name)
+
+    def _require_settled(self) -> None:
+        """Raise RefusedError while a mapping is being started, saved or cancelled."""
+        if self._phase not in (Phase.NONE, Phase.RUNNING):
+            self.require_none(refusals.MAPPING_CHANGES)
 
     def _require_running(self) -> None:
         """Raise RefusedError unless a mapping is running.
@@ -246,7 +246,7 @@ class MapBuilder:
             raise RefusedError(
                 "no map is being made: send BuildMap with type 1 (add) or 2 (update) first"
             )
-        self.require_settled()
+        self._require_settled()
 
     def _require_modes(self, refusal: Refusal) -> None:
         """Raise `refusal` unless the robot is in deployment mode and automatic control."""
