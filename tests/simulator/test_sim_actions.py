@@ -214,7 +214,7 @@ def test_charge_control_starts_pauses_and_stops_charging(client: SteppedClient) 
     ends = [feedback_until_end(client)[-1] for _ in range(2)]
     assert [(each["state"], each["msg"]) for each in ends] == [
         (CANCEL, "replaced by ChargeControl"),
-        (SUCCESS, "left the charger"),
+        (SUCCESS, "1 of 1 steps done"),
     ]
     assert client.ask("woosh.robot.Battery")["chargeState"] == 1
     assert client.ask("woosh.robot.RobotState")["state"] == 2

@@ -22,7 +22,6 @@ SETTERS: list[tuple[str, Json, str, str, Json]] = [
     ("SwitchFootPrint", {"type": 1}, "Model", "model", {"type": 1}),
     ("SwitchMap", {"sceneName": "scenex"}, "Scene", "scene", {"sceneName": "scenex", "mapId": 1}),
     ("SwitchMap", {"sceneName": "scenex"}, "PoseSpeed", "poseSpeed", {"mapId": 1}),
-    ("RobotWiFi", {"order": 5, "enable": True}, "Network", "network", {}),
     *(
         (f"setting.{name}", body, "Setting", "setting", {name.lower(): body})
         for name, body in {
@@ -51,15 +50,6 @@ def test_setter_changes_getter_push_and_robot_info(
     # Setting the same value again changes nothing, so nothing is pushed.
     client.ask(f"woosh.robot.{setter}", body)
     assert client.take_pushes(name) == []
-
-
-def test_wifi_orders_show_in_network(client: JsonClient) -> None:
-    client.subscribe("woosh.robot.Network")
-    answer = client.ask("woosh.robot.RobotWiFi", {"order": 1})
-    network = client.next_push("woosh.robot.Network")
-    assert network["wifi"]["listJson"] == answer["content"]
-    client.ask("woosh.robot.RobotWiFi", {"order": 4, "content": "d29vc2gtZmFjdG9yeQ=="})
-    assert client.next_push("woosh.robot.Network")["wifi"]["name"] == ""
 
 
 def test_permission_setters_are_answered_and_pushed(client: JsonClient) -> None:

@@ -238,12 +238,9 @@ REFUSED: list[tuple[Callable[[JsonClient], object], str, Json, str]] = [
     (mapping, INIT_ROBOT, {"isRecord": True}, "map hall is being made"),
     (mapping, "woosh.robot.SetRobotPose", {"pose": {"x": 1, "y": 1}}, "map hall is being made"),
     (mapping, "woosh.robot.ExecTask", {"type": 1, "markNo": "A2"}, "deployment mode"),
-    (deployment, DEPLOYMENT, {"mode": 1}, "unknown type 0 of Deployment"),
-    (deployment, DEPLOYMENT, {"type": 4}, "unknown mode 0 of Deployment"),
-    (deployment, DEPLOYMENT, {"type": 4, "mode": 3}, "only reflectors"),
-    (deployment, DEPLOYMENT, {"type": 3, "mode": 3}, "has no reflectors"),
+    (deployment, DEPLOYMENT, {"type": 3, "mode": 1}, "collects marks only"),
+    (deployment, DEPLOYMENT, {"type": 4, "mode": 2}, "collects marks only"),
     (deployment, DEPLOYMENT, {"type": 4, "mode": 1, "pose": {"x": 99}}, "outside map"),
-    (deployment, DEPLOYMENT, {"type": 4, "mode": 1, "robotId": 7}, "this is robot 30001"),
 ]
 
 

@@ -54,7 +54,7 @@ CHANGES: Json = {
         "default": [0.1, 0.11, 0.12],
         "requests": {MODE: [0.9, 0.91, 0.92], BATTERY: [1.4, 1.41, 1.42]},
     },
-    "rates": {"pose_speed": 0.6, "scan": 0.5, "scan_push": 1.0, "operation": 1.5},
+    "rates": {"pose_speed": 0.6, "scan": 0.5, "scan_push": 1.0},
     "laser": {"angle_min": -1.5, "angle_max": 1.6, "increment": 0.01, "range_max": 12.0},
     "driving": {"max_speed": 0.35, "max_turn_rate": 0.7},
     "battery": {"health": 91, "temp_max": 44},

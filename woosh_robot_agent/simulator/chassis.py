@@ -11,7 +11,7 @@ from woosh_robot_agent.simulator import refusals, status_codes
 from woosh_robot_agent.simulator.behaviour.actions import Actions
 from woosh_robot_agent.simulator.behaviour.auto_tasks import AutoTasks
 from woosh_robot_agent.simulator.behaviour.manual_driving import Follower, Teleop
-from woosh_robot_agent.simulator.behaviour.mapping import Deployment, MapBuilder
+from woosh_robot_agent.simulator.behaviour.mapping import MapBuilder
 from woosh_robot_agent.simulator.behaviour.ownership import Ownership
 from woosh_robot_agent.simulator.behaviour.tasks import Tasks
 from woosh_robot_agent.simulator.body.devices import Device
@@ -32,10 +32,9 @@ _MAX_SPOKEN = 50
 class Chassis(Robot):
     """The robot with everything that it does, without sockets and without a clock of its own.
 
-    `tick` advances the simulated time by a step, and makes the scheduled calls that are due in it.
-    Within a step, `run_until` makes scheduled calls at their exact times. Requests change the state
-    at any time. Events, e.g. status codes, must all be pushed; they are collected until
-    `take_events` returns them.
+    `tick` advances the simulated time by a step. `run_until` makes the scheduled calls between two
+    steps at their exact times. Requests change the state at any time. `take_events` returns the
+    messages to push.
 
     Raises:
         DataFileError: the file of the profile or of a scene cannot be used.
@@ -66,7 +65,6 @@ class Chassis(Robot):
         self.ownership = Ownership(self, self.tasks, self.actions, self.follower, self.teleop)
         self.auto_tasks = AutoTasks(self, self.tasks, self.ownership, config)
         self.mapping = MapBuilder(self)
-        self.deployment = Deployment(self, self.mapping)
 
     @property
     def impeded(self) -> bool:
@@ -131,7 +129,6 @@ class Chassis(Robot):
             self.base.halt()
         self.base.tick(dt, self.gap)
         self.battery.tick(dt, self.base.odometer - odometer)
-        self.statistics.tick(self.base.odometer)
         if self.base.moving:
             self.actions.cancel_on(Device.CHARGER, "robot drove away")
             self.battery.charging = robot_pb2.Battery.kNot
@@ -196,7 +193,7 @@ class Chassis(Robot):
             self.base.halt()
             self.teleop.release()
         if readiness.refusal:
-            self.ownership.suspend_all(readiness.refusal.reason)
+            self.ownership.stop_jobs(readiness.refusal.reason)
 
     def _report_control_mode(self) -> None:
         """Report the control mode if it has changed.

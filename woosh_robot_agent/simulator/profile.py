@@ -153,7 +153,6 @@ class RateProfile:
     scan: NotNegative
     scan_push: NotNegative
     battery: RisingInterval | None
-    operation: NotNegative | None
 
 
 @dataclass(frozen=True)

@@ -37,14 +37,11 @@ class Refusal:
             `str.format`.
         words: text of the real robot's answer.
         code: status code that follows the answer of the real robot; None if there is none.
-        harmless: True if the request merely has no effect. With a profile that explains refusals,
-            it is then answered with `ok` true, and the explanation.
     """
 
     explanation: str
     words: str = REQUEST_FAILED
     code: Code | None = None
-    harmless: bool = False
 
     @property
     def reason(self) -> str:
@@ -127,11 +124,6 @@ NOT_WAITING = Refusal("no task is waiting: there is no wait to end", code=codes.
 
 NO_NAVIGATION = Refusal(
     "no navigation is running: start a task first", code=codes.PATH_NOT_NAVIGATING
-)
-NAVIGATION_MODE_UNUSED = Refusal(
-    "no effect: a navigation mode counts only while a task is navigating",
-    code=codes.MODE_NOT_NAVIGATING,
-    harmless=True,
 )
 NO_NAVIGATION_FOR_MODE = Refusal(
     "no navigation is running: a navigation mode counts only during a navigation",
@@ -220,11 +212,6 @@ COLLECTING_OUTSIDE_DEPLOYMENT = Refusal(
 # Settings
 
 TEXT_TOO_LONG = Refusal("{field} is longer than {limit} characters: give a shorter one")
-
-# Wi-Fi
-
-NETWORK_NOT_KNOWN = Refusal("network {ssid} is not known: add it first")
-NO_SSID = Refusal("content is not a JSON object with an ssid")
 
 REFUSALS = {name: value for name, value in [*globals().items()] if isinstance(value, Refusal)}
 """All situations of this module, by name."""

@@ -11,8 +11,8 @@ from woosh_robot_agent.pb.robot import robot_count_pb2, robot_pb2, robot_setting
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.body.base import Base, displacement
-from woosh_robot_agent.simulator.body.devices import Battery, Device, Lift, Readiness, WiFi
-from woosh_robot_agent.simulator.body.statistics import Codes, Statistics
+from woosh_robot_agent.simulator.body.code_log import CodeLog
+from woosh_robot_agent.simulator.body.devices import Battery, Device, Lift, Readiness
 from woosh_robot_agent.simulator.config import SimulatorConfig
 from woosh_robot_agent.simulator.profile import load_profile
 from woosh_robot_agent.simulator.refusals import RefusedError
@@ -46,8 +46,8 @@ class Robot(Timeline):
         rng: random number generator for everything that varies, e.g. answer times.
         answer_delay: time until the current request is answered, in seconds. The handler of the
             request may change it.
-        state_first: True if the changes that the current request causes are pushed before its
-            answer.
+        state_first: True if the states that the current request changes are pushed before its
+            answer, not after it.
         scenes: known scenes, by name.
         scene: current scene.
         map: current map.
@@ -63,8 +63,7 @@ class Robot(Timeline):
         footprint: the `woosh.robot.FootPrint` in use.
         footprints: outlines of the robot by `woosh.robot.FootPrint`.
         setting: settings, as reported to clients.
-        statistics: records of what the robot did.
-        codes: status codes.
+        codes: the log of status codes.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -72,8 +71,7 @@ class Robot(Timeline):
         self.profile = load_profile(config.profile)
         self.omnidirectional = config.omnidirectional
         self._seed = random.randrange(2**32) if config.seed is None else config.seed
-        """Seed of `rng` and of the laser noise. Each appends a text of its own to it, so that the
-        two have different random numbers."""
+        """Seed of `rng` and of the laser noise, which append different texts to it."""
         self.rng = random.Random(f"{self._seed}:chance")
         self.answer_delay = 0.0
         self.state_first = False
@@ -101,7 +99,6 @@ class Robot(Timeline):
         self.battery = Battery(93.0, self.profile.battery)
         self.jack = Lift("lift", Device.JACK, travel=0.06, default_speed=0.02)
         self.column = Lift("lift column", Device.COLUMN, travel=1.0, default_speed=0.2)
-        self.wifi = WiFi()
         self.readiness = Readiness(initialised=config.initialised, located=config.initialised)
         self.occupied = False
         self.footprint: util_robot_pb2.FootPrint = util_robot_pb2.kOriginal
@@ -116,8 +113,7 @@ class Robot(Timeline):
         )
 
         language = config.code_language or self.profile.status_codes.language
-        self.statistics = Statistics(self, self.base.odometer, self.profile.rates.operation)
-        self.codes = Codes(language, self.publish_code, self.statistics)
+        self.codes = CodeLog(language, self.publish_code)
 
         if not self.can_stand(start):
             raise DataFileError(

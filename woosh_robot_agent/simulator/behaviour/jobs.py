@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import action_pb2 as util_action_pb2
@@ -102,7 +102,7 @@ def failed(reason: str, code: int = 0) -> Progress:
 
 
 class Done(Job):
-    """Ends at once and reports `text`: the request itself did all work, e.g. it set a mode."""
+    """Ends at once and reports `text`: nothing is left to do after the request."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -282,31 +282,28 @@ class Steps(Job):
 
 
 class MoveLift(Job):
-    """Moves a lift to one height after the other.
+    """Moves a lift.
 
     Args:
-        heights: at least one height that the lift can reach, in metres.
+        height: a height that the lift can reach, in metres.
         speed: speed, in m/s; 0 for the default of the lift.
     """
 
     kind = util_action_pb2.kCarry
 
-    def __init__(self, lift: Lift, *heights: float, speed: float = 0.0) -> None:
+    def __init__(self, lift: Lift, height: float, speed: float = 0.0) -> None:
         self.device = lift.device
         self._lift = lift
-        self._heights = list(heights)
-        """Heights that the lift has not reached yet, in metres."""
+        self._goal = height
         self._speed = speed or lift.default_speed
 
     def tick(self, robot: Robot, dt: float) -> Progress:
-        if not robot.readiness.motors_on:  # the lift stands
-            return Progress(text=f"at {self._lift.height:.3f} m")
-        distance = self._heights[0] - self._lift.height
-        if abs(distance) <= self._speed * dt:
-            self._lift.height = self._heights.pop(0)
-        else:
-            self._lift.height += math.copysign(self._speed * dt, distance)
-        return Progress(done=not self._heights, text=f"at {self._lift.height:.3f} m")
+        lift, step = self._lift, self._speed * dt
+        if robot.readiness.motors_on:
+            distance = self._goal - lift.height
+            arrives = abs(distance) <= step
+            lift.height = self._goal if arrives else lift.height + math.copysign(step, distance)
+        return Progress(done=lift.height == self._goal, text=f"at {lift.height:.3f} m")
 
 
 class Charge(Job):
@@ -345,31 +342,6 @@ class Charge(Job):
         self._time = 0.0
         if not self._keeps_charging:
             robot.battery.charging = robot_pb2.Battery.kNot
-
-
-class LeaveCharger(Job):
-    """Ends the charge, if there is one, and leaves the charger, if the robot is in one."""
-
-    device = Device.WHEELS
-    kind = util_action_pb2.kSecondposQuit
-
-    def __init__(self) -> None:
-        self._way_out: Job | None = None
-        """The job that drives out of the charger, None before it has started."""
-
-    def tick(self, robot: Robot, dt: float) -> Progress:
-        robot.battery.charging = robot_pb2.Battery.kNot
-        if self._way_out is None:
-            if robot.charger is None:
-                return Progress(done=True, text="not at a charger")
-            self._way_out = leave_charger_job(robot, robot.charger)
-        progress = self._way_out.tick(robot, dt)
-        return replace(progress, text="left the charger") if progress.done else progress
-
-    def suspend(self, robot: Robot) -> None:
-        """Reset the timeout for obstacles."""
-        if self._way_out:
-            self._way_out.suspend(robot)
 
 
 def leave_charger_job(robot: Robot, charger: Mark) -> Job:

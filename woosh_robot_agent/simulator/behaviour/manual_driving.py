@@ -21,10 +21,10 @@ _MAX_LEADER_DISTANCE = 3.0
 """Distance from the centre of the robot up to which it sees a leader, in metres."""
 
 _MAX_LEADER_BEARING = 1.0
-"""Angle from straight ahead up to which the robot sees a leader, in radians."""
+"""Bearing up to which the robot sees a leader, in radians."""
 
 _MAX_DRIVING_BEARING = 0.3
-"""Angle from straight ahead to the leader up to which the robot does not just turn, in radians."""
+"""Bearing of the leader from which on the robot only turns, in radians."""
 
 _FOLLOWING_SPEED = 0.8
 """Maximum speed while following, in m/s."""
@@ -82,7 +82,7 @@ class Teleop:
 
     def __init__(self, start_delay: float) -> None:
         self._start_delay = start_delay
-        self._waiting = 0.0
+        self._until_start = 0.0
         """Remaining time until the base starts to move, in seconds; not positive if it may move."""
         self._velocity: Velocity | None = None
         """Velocity of the last command, None if there is none or it timed out."""
@@ -92,7 +92,7 @@ class Teleop:
     def command(self, velocity: Velocity) -> None:
         """Drive with this velocity until the next command, or until the timeout."""
         if self._velocity is None:
-            self._waiting = self._start_delay
+            self._until_start = self._start_delay
         self._velocity = velocity
         self._left = COMMAND_TIMEOUT
 
@@ -105,8 +105,8 @@ class Teleop:
         if self._velocity is None:
             return
         # Only a standing base needs time to start.
-        self._waiting = 0.0 if base.moving else self._waiting - dt
-        if self._waiting <= ROUNDING:
+        self._until_start = 0.0 if base.moving else self._until_start - dt
+        if self._until_start <= ROUNDING:
             base.drive(self._velocity, rolls_on=True)
         self._left -= dt
         if self._left <= ROUNDING:

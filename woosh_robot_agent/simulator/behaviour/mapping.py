@@ -1,4 +1,4 @@
-"""Mapping, i.e. making maps, and deployment, i.e. collecting marks, while a client drives.
+"""Making maps, and collecting marks for them, while a client drives.
 
 Methods that execute a request raise `RefusedError` if the robot cannot do that now, or never.
 """
@@ -6,15 +6,12 @@ Methods that execute a request raise `RefusedError` if the robot cannot do that 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import logging
 import math
-from collections.abc import Collection
 from enum import Enum
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
-from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
 from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.refusals import Refusal, RefusedError
@@ -29,7 +26,7 @@ from woosh_robot_agent.simulator.scenes.scene import (
     with_map,
     with_map_changed,
 )
-from woosh_robot_agent.simulator.timeline import ROUNDING, DelayedCalls, copy_of
+from woosh_robot_agent.simulator.timeline import ROUNDING, DelayedCalls
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.simulator.world.maps import Map, Mark
 
@@ -71,7 +68,7 @@ class Phase(Enum):
 
 
 class MapBuilder:
-    """Makes maps.
+    """Makes maps, and collects marks for them.
 
     The robot still localises itself while it makes a map, and the new map has the frame of the
     current map. After saving or cancelling, the robot has to be initialised.
@@ -116,11 +113,6 @@ class MapBuilder:
         """Raise `refusal`, which may use the values `map` and `phase`, if a map is being made."""
         if self._phase is not Phase.NONE:
             raise RefusedError(refusal, map=self._map_name, phase=self._phase.value)
-
-    def require_settled(self) -> None:
-        """Raise RefusedError while a mapping is being started, saved or cancelled."""
-        if self._phase not in (Phase.NONE, Phase.RUNNING):
-            self.require_none(refusals.MAPPING_CHANGES)
 
     def add(self, scene_name: str, map_name: str) -> float:
         """Begin to make a new map; return the time until the answer to the request, in seconds.
@@ -180,6 +172,34 @@ class MapBuilder:
         robot.after(duration, self._end)
         return duration
 
+    def collect_mark(self, pose: Pose | None) -> Mark:
+        """Add a mark to the new map that is being made, or else to the current map; return it.
+
+        Args:
+            pose: pose of the mark; None for the pose of the robot.
+        """
+        robot = self._robot
+        if robot.readiness.work != util_robot_pb2.kDeployMode:
+            raise RefusedError(refusals.COLLECTING_OUTSIDE_DEPLOYMENT)
+        self._require_settled()
+        if not robot.readiness.located:
+            raise RefusedError(refusals.LOCALISATION_LOST)
+        area = self.draft or robot.map
+        if pose is None:
+            pose = robot.base.pose
+        elif not self.draft and not area.contains(*pose.point):
+            raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=area.name)
+        # The answer has only the id, so the mark's number, which tasks name, equals the id.
+        numbers = {int(number) for number in area.marks if number.isdecimal()}
+        id_ = free_id(numbers.union(mark.id for mark in area.marks.values()))
+        mark = Mark(id_, str(id_), pose)
+        marks = {**area.marks, mark.number: mark}
+        if self.draft:
+            self.draft = dataclasses.replace(self.draft, marks=marks)
+        else:
+            robot.change_map(marks=marks)
+        return mark
+
     def tick(self) -> None:
         """Add the current scan to the map if it is due.
 
@@ -207,10 +227,15 @@ class MapBuilder:
     def _require_startable(self, scene_name: str, map_name: str) -> None:
         """Raise RefusedError if no mapping can start now, or a name cannot be used."""
         self._require_modes(refusals.MAPPING_OUTSIDE_DEPLOYMENT)
-        self.require_settled()
+        self._require_settled()
         self.require_none(refusals.MAPPING_RUNS)
         require_name("scene_name", scene_name)
         require_name("map_name", map_name)
+
+    def _require_settled(self) -> None:
+        """Raise RefusedError while a mapping is being started, saved or cancelled."""
+        if self._phase not in (Phase.NONE, Phase.RUNNING):
+            self.require_none(refusals.MAPPING_CHANGES)
 
     def _require_running(self) -> None:
         """Raise RefusedError unless a mapping is running.
@@ -221,7 +246,7 @@ class MapBuilder:
             raise RefusedError(
                 "no map is being made: send BuildMap with type 1 (add) or 2 (update) first"
             )
-        self.require_settled()
+        self._require_settled()
 
     def _require_modes(self, refusal: Refusal) -> None:
         """Raise `refusal` unless the robot is in deployment mode and automatic control."""
@@ -323,129 +348,3 @@ class MapBuilder:
             readiness.located = readiness.located and self._located_before
         self._phase = Phase.NONE
         self._grid = None
-
-
-POINT_LISTS: dict[pack.DeploymentType, str] = {
-    pack.kBeacons: "beacons",
-    pack.kArTags: "artags",
-    pack.kReflectors: "reflectors",
-    pack.kMark: "storages",
-}
-"""Kinds of points that can be collected, and the names of their lists in `MarkInfo`."""
-
-
-class CollectedPoint(NamedTuple):
-    """A point, e.g. a mark or a code, that a client has collected.
-
-    Attributes:
-        id: identifier, unique among the points of this kind in the map.
-        pose: pose, in the map's frame.
-    """
-
-    kind: pack.DeploymentType
-    id: int
-    pose: Pose
-
-
-class Deployment:
-    """Collects points (marks, codes, ...) for the current map, or for a new map that is being made.
-
-    Points can be cancelled until the session ends. It ends when a mapping starts or a new map is
-    cancelled, and when the robot changes the work mode or the map.
-    """
-
-    def __init__(self, robot: Robot, mapping: MapBuilder) -> None:
-        self._robot = robot
-        self._mapping = mapping
-        self._collected: list[CollectedPoint] = []
-        """Points of this session that were not cancelled, in order."""
-
-    def collect(self, kind: pack.DeploymentType, pose: Pose | None) -> CollectedPoint:
-        """Add a point to the map and return it.
-
-        Args:
-            pose: pose of the point; None for the pose of the robot.
-        """
-        area, others = self._area, copy_of(self._area.other_marks)
-        if pose is None:
-            pose = self._robot.base.pose
-        elif area is not self._mapping.draft and not area.contains(*pose.point):
-            raise RefusedError(refusals.POSE_OUTSIDE_MAP, pose=pose, map=area.name)
-        marks = area.marks
-        if kind == pack.kMark:
-            # The answer has only the id, so the mark's number, which tasks name, equals the id.
-            taken = {mark.id for mark in marks.values()}
-            ids = itertools.count(free_id(taken))
-            id_ = next(each for each in ids if each not in taken and str(each) not in marks)
-            marks = {**marks, str(id_): Mark(id_, str(id_), pose)}
-        else:
-            entries = getattr(others, POINT_LISTS[kind])
-            id_ = free_id(each.id for each in entries)
-            entry = entries.add(id=id_)
-            position = entry.point if kind == pack.kBeacons else entry.pose
-            position.x, position.y = pose.point
-            if kind != pack.kBeacons:
-                position.theta = pose.theta
-        point = CollectedPoint(kind, id_, pose)
-        self._change_area(marks=marks, other_marks=others)
-        self._collected.append(point)
-        return point
-
-    def cancel(self, kinds: Collection[pack.DeploymentType] = tuple(POINT_LISTS)) -> None:
-        """Remove the points of some kinds that were collected in this session.
-
-        Marks that a client has renamed since then stay.
-        """
-        cancelled = {(each.kind, each.id) for each in self._collected if each.kind in kinds}
-        self._collected = [each for each in self._collected if each.kind not in kinds]
-        if not cancelled:
-            return
-        area, others = self._area, copy_of(self._area.other_marks)
-        kept = {
-            number: mark
-            for number, mark in area.marks.items()
-            if (pack.kMark, mark.id) not in cancelled or number != str(mark.id)
-        }
-        for kind in (pack.kBeacons, pack.kArTags, pack.kReflectors):
-            entries = getattr(others, POINT_LISTS[kind])
-            left = [each for each in entries if (kind, each.id) not in cancelled]
-            del entries[:]
-            entries.extend(left)
-        self._change_area(marks=kept, other_marks=others)
-
-    def calibrate(self) -> list[CollectedPoint]:
-        """Return the reflectors of the map, as if the robot had found each at its known pose."""
-        reflectors = [
-            CollectedPoint(
-                pack.kReflectors, each.id, Pose(each.pose.x, each.pose.y, each.pose.theta)
-            )
-            for each in self._area.other_marks.reflectors
-        ]
-        if not reflectors:
-            raise RefusedError(f"map {self._area.name} has no reflectors: collect them first")
-        return reflectors
-
-    def end_session(self) -> None:
-        """Keep the points: they can no longer be cancelled."""
-        self._collected.clear()
-
-    def require_ready(self) -> None:
-        """Raise RefusedError if the robot cannot collect points."""
-        readiness = self._robot.readiness
-        if readiness.work != util_robot_pb2.kDeployMode:
-            raise RefusedError(refusals.COLLECTING_OUTSIDE_DEPLOYMENT)
-        self._mapping.require_settled()
-        if not readiness.located:
-            raise RefusedError(refusals.LOCALISATION_LOST)
-
-    @property
-    def _area(self) -> Map:
-        """The map to which points are added: a new map that is being made, or the current map."""
-        return self._mapping.draft or self._robot.map
-
-    def _change_area(self, **changes: Any) -> None:
-        """Change attributes of `_area`; a change of the current map is a new version of it."""
-        if self._mapping.draft:
-            self._mapping.draft = dataclasses.replace(self._mapping.draft, **changes)
-        else:
-            self._robot.change_map(**changes)

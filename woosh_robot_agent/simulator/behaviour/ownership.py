@@ -165,10 +165,10 @@ class Ownership:
         self._actions.cancel_on(Device.WHEELS, reason)
         self._actions.cancel_on(Device.CHARGER, reason)
 
-    def suspend_all(self, reason: str) -> None:
+    def stop_jobs(self, reason: str) -> None:
         """End actions, following and an automatic task; pause the task of a client.
 
-        Called while the robot accepts no tasks and actions. Remote control goes on.
+        Remote control goes on.
         """
         self._follower.active = False
         self._actions.fail_all(reason)
@@ -176,12 +176,12 @@ class Ownership:
         if self._tasks.active:
             self._tasks.pause(reason)
 
-    def _take_wheels(self, user: str, refusal: Refusal) -> None:
+    def _take_wheels(self, new_driver: str, refusal: Refusal) -> None:
         """End an automatic task and following, so that remote control or following can drive.
 
         Raise `refusal` if an action or a task of a client drives.
         """
-        self._tasks.cancel_automatic(f"replaced by {user}")
+        self._tasks.cancel_automatic(f"replaced by {new_driver}")
         if self.driver:
             raise RefusedError(refusal, driver=self.driver)
         self._follower.active = False

@@ -69,8 +69,8 @@ class Tasks:
     Attributes:
         proc: the current or last task, empty before the first. Its state may be ahead of the
             reports.
-        reported: the last report, even if it is withheld; at first the report that there is no
-            task.
+        reported: the last report, which queries are answered with; at first the report that there
+            is no task.
         state: state that the task gives the robot, `kStateUndefined` without a task.
         history: the last reports of the last 50 ended tasks, oldest first.
         impeded: True if an obstacle blocks the task now.
@@ -84,8 +84,6 @@ class Tasks:
         self.history: deque[robot_pb2.TaskProc] = deque(maxlen=_MAX_HISTORY)
         self.impeded = False
         self._profile = robot.profile.tasks
-        self._withheld = False
-        """True if `reported` has not been pushed yet."""
         self._scheduled = DelayedCalls(robot)
         """Scheduled calls of the task: reports, the start of the next job, effects of orders."""
         self._jobs: deque[Job] = deque()
@@ -198,8 +196,6 @@ class Tasks:
         """Start the current or failed job again, unless the task is being cancelled."""
         if self._canceling:
             return
-        if not self.active:  # the record of a failed task is closed: open another one
-            self._robot.statistics.task_started(self.proc.robot_task_id, self.proc.dest)
         self._stop_working()
         self.proc.state = self._running_state()
         self._scheduled.add(self._order_delay(), self._begin_job)
@@ -292,7 +288,6 @@ class Tasks:
             state=util_task_pb2.kInit,
             dest=order.dest,
         )
-        self._robot.statistics.task_started(order.id, order.dest)
         # Real robots push an empty report first if they have chosen the id.
         if order.own_id and self._profile.empty_report:
             self._push(self._empty_report())
@@ -311,11 +306,10 @@ class Tasks:
         starting.append(self._begin_job)
         delays_after_answer = self._profile.first_report
         if not delays_after_answer:
-            # The reports begin with the next tick, so that they follow the answer to the request.
+            # The pushes begin with the next tick, so that they follow the answer to the request.
+            # Queries are answered with the new task at once.
             self._starting = starting
-            # Until then, queries are answered with this report, which is not pushed yet.
             self.reported = self._new_report(states[0] if states else util_task_pb2.kInit)
-            self._withheld = True
             return
 
         def announce() -> None:
@@ -424,7 +418,6 @@ class Tasks:
         self._report(state, action_state, reason)
         self.proc.state = state
         self.history.append(self.reported)
-        self._robot.statistics.task_ended(state)
         empty_report = self._profile.empty_report
         if empty_report is None:  # the last report stays
             self.state = _NO_STATE
@@ -478,10 +471,6 @@ class Tasks:
         self._push(report)
 
     def _push(self, report: robot_pb2.TaskProc) -> None:
-        """Push a report. A withheld one of the same state is dropped, any other is pushed first."""
-        if self._withheld and report.state != self.reported.state:
-            self._robot.emit(self.reported)
-        self._withheld = False
         self.reported = report
         self._robot.emit(report)
 

@@ -1,1 +1,1 @@
-"""Parts of the robot: base, battery, lifts, Wi-Fi, modes, status codes."""
+"""Parts of the robot: base, battery, lifts, modes, log of status codes."""

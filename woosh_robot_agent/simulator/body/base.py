@@ -15,7 +15,7 @@ ANGULAR_ACCELERATION = 2.0
 """Maximum angular acceleration, in rad/s²."""
 
 _TOLERANCE = 1e-7
-"""Rounding error that counts as none, of a velocity in m/s or rad/s, or of a gap in metres."""
+"""Rounding error that is ignored, of a velocity in m/s or rad/s, or of a gap in metres."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,12 @@
-"""Devices of the robot, e.g. battery, lifts and Wi-Fi, and its modes and conditions.
+"""Battery and lifts of the robot, and its modes and conditions.
 
 Methods that execute a request raise `RefusedError` for values that the device cannot use.
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Any
 
 from woosh_robot_agent.pb.robot import robot_pb2
 from woosh_robot_agent.pb.util import robot_pb2 as util_robot_pb2
@@ -92,91 +90,6 @@ class Lift:
         if not -_ROUNDING <= height <= self.travel + _ROUNDING:
             raise RefusedError(f"{self.name}: {height:.3f} m is not within 0 to {self.travel:g} m")
         return min(max(height, 0.0), self.travel)
-
-
-_IN_REACH = {"woosh-factory": 78, "woosh-guest": 61, "warehouse-2": 34}
-"""Signal strengths of the Wi-Fi networks within reach, in percent, by SSID."""
-
-_WiFiState = robot_pb2.Network.WiFi
-
-
-class WiFi:
-    """The Wi-Fi client. The same networks are always within reach.
-
-    Attributes:
-        name: SSID of the network that the client uses; empty if it has forgotten this network. It
-            stays while the robot is a hotspot.
-        hotspot: True if the robot is a hotspot instead of a client.
-        list_json: networks found by the last scan, as JSON; empty before the first scan.
-    """
-
-    def __init__(self) -> None:
-        self.name = "woosh-factory"
-        self.hotspot = False
-        self.list_json = b""
-        self._known = {self.name}
-        """SSIDs of the known networks."""
-
-    def state(self) -> _WiFiState:
-        """Return the state as reported to clients."""
-        return _WiFiState(
-            name=self.name,
-            list_json=self.list_json,
-            strength=_IN_REACH.get(self.name, 0),
-            mode=_WiFiState.kAP if self.hotspot else _WiFiState.kClient,
-        )
-
-    def scan(self) -> bytes:
-        """Scan for networks and return them as JSON."""
-        networks = [
-            {
-                "ssid": ssid,
-                "signal": signal,
-                "known": ssid in self._known,
-                "connected": ssid == self.name,
-            }
-            for ssid, signal in _IN_REACH.items()
-        ]
-        self.list_json = json.dumps({"wifi_list": networks}).encode()
-        return self.list_json
-
-    def add(self, content: bytes, *, connect: bool) -> None:
-        """Add a network to the known networks, and connect to it if `connect` is True."""
-        ssid = _ssid(content)
-        if ssid not in _IN_REACH:
-            raise RefusedError(f"network {ssid} is out of reach: choose one of the last scan")
-        self._known.add(ssid)
-        if connect:
-            self.name, self.hotspot = ssid, False
-
-    def reconnect(self, content: bytes) -> None:
-        """Connect to a known network; the robot is no longer a hotspot."""
-        ssid = _ssid(content)
-        if ssid not in self._known:
-            raise RefusedError(refusals.NETWORK_NOT_KNOWN, ssid=ssid)
-        self.name, self.hotspot = ssid, False
-
-    def forget(self, content: bytes) -> None:
-        """Remove a network, whose SSID is `content`, from the known networks."""
-        ssid = content.decode(errors="replace")
-        if ssid not in self._known:
-            raise RefusedError(refusals.NETWORK_NOT_KNOWN, ssid=ssid)
-        self._known.remove(ssid)
-        if self.name == ssid:
-            self.name = ""
-
-
-def _ssid(content: bytes) -> str:
-    """Return the `ssid` in a JSON object; raise RefusedError if there is none."""
-    try:
-        parsed: Any = json.loads(content)
-    except (ValueError, RecursionError):
-        raise RefusedError(refusals.NO_SSID) from None
-    ssid = parsed.get("ssid") if isinstance(parsed, dict) else None
-    # half a surrogate pair is not printable, and could not be sent back
-    if not isinstance(ssid, str) or not ssid or not ssid.isprintable():
-        raise RefusedError(refusals.NO_SSID)
-    return ssid
 
 
 @dataclass

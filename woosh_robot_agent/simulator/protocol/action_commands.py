@@ -19,11 +19,11 @@ from woosh_robot_agent.simulator.behaviour.jobs import (
     Charge,
     Done,
     Job,
-    LeaveCharger,
     MoveLift,
     Shift,
     Steps,
     Turn,
+    leave_charger_job,
 )
 from woosh_robot_agent.simulator.behaviour.navigation import Navigate, NoRouteError, plan_route
 from woosh_robot_agent.simulator.body.base import STANDSTILL, Velocity
@@ -207,10 +207,8 @@ def _lift_control3(chassis: Chassis, action: action_pb2.LiftControl3) -> Job:
     if mode == _Lift3.kRelative:
         height = column.checked(column.height + action.height)
         return MoveLift(column, height, speed=speed)
-    if mode == _Lift3.kCalibration:
+    if mode in (_Lift3.kCalibration, _Lift3.kTsetMode):  # no document says what the latter does
         return MoveLift(column, 0.0, speed=speed)
-    if mode == _Lift3.kTsetMode:  # the test mode: once up and down
-        return MoveLift(column, 0.0, column.travel, 0.0, speed=speed)
     raise RefusedError(
         f"unknown lift mode {mode}: 0 is query, 1 absolute, 2 relative, 3 calibration"
     )
@@ -223,7 +221,9 @@ def _charge_control(chassis: Chassis, action: action_pb2.ChargeControl) -> Job:
             raise RefusedError("robot is not at a charger: start a charge task instead")
         return Charge()
     if action.execute_mode == action_pb2.ChargeControl.kExit:
-        return LeaveCharger()
+        if chassis.charger is None:
+            return Done("not at a charger")
+        return leave_charger_job(chassis, chassis.charger)
     raise RefusedError(f"unknown charge mode {action.execute_mode}: 1 is automatic, 2 is exit")
 
 

@@ -12,13 +12,12 @@ from typing import Any, TypeVar
 from google.protobuf.message import Message
 
 from woosh_robot_agent.pb.util import common_pb2
-from woosh_robot_agent.simulator import refusals
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.scene import Scene
 from woosh_robot_agent.simulator.status_codes import Code
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.simulator.world.maps import Map, Mark
+from woosh_robot_agent.simulator.world.maps import Mark
 
 _LOG = logging.getLogger(__name__)
 
@@ -66,10 +65,10 @@ class Answer:
     """The answer to a request.
 
     Attributes:
-        type: full protobuf name of the body; without a body, the one of the request, or `error` if
-            no request has its type.
+        type: full protobuf name of the body; without a body, that of the request, or `error` if
+            the request is unknown.
         body: body, None for an empty body.
-        ok: True if the request was executed, or merely has no effect and gets an explanation.
+        ok: True if the request was executed.
         msg: text for people; the reason if the request was refused; empty for most queries.
         code: status code that follows the answer, None if there is none.
     """
@@ -113,11 +112,9 @@ def _answer_refused(chassis: Chassis, name: str, error: RefusedError) -> Answer:
     """Return the answer to a request that its handler has refused, worded as in the profile."""
     refusal, profile = error.refusal, chassis.profile.refusals
     _LOG.info("%s is refused: %s", name, error)
-    if profile.explained:
-        return Answer(name, None, ok=refusal.harmless, msg=str(error))
-    words = profile.texts.get(name, refusal.words)
+    text = str(error) if profile.explained else profile.texts.get(name, refusal.words)
     code = refusal.code if profile.codes else None
-    return Answer(name, None, ok=False, msg=words, code=code)
+    return Answer(name, None, ok=False, msg=text, code=code)
 
 
 def refusal_answer(name: str, reason: str) -> Answer:
@@ -153,15 +150,6 @@ def named_scene(chassis: Chassis, name: str) -> Scene:
     return scene
 
 
-def named_map(scene: Scene, name: str) -> Map:
-    """Return the map called `name` of a scene, or its first map if `name` is empty."""
-    area = scene.map(name)
-    if area is None:
-        maps = ", ".join(each.name for each in scene.maps)
-        raise RefusedError(f"unknown map {name} of scene {scene.name}, which has {maps}")
-    return area
-
-
 def named_mark(chassis: Chassis, number: str) -> Mark:
     """Return the mark of the current map with this number; raise RefusedError if there is none."""
     mark = chassis.map.marks.get(number)
@@ -171,19 +159,6 @@ def named_mark(chassis: Chassis, number: str) -> Mark:
             f"unknown mark {number} in map {chassis.map.name}: its marks are {known}"
         )
     return mark
-
-
-def require_map_changeable(chassis: Chassis) -> None:
-    """Require that the current map may change: nothing that depends on it runs or is paused."""
-    # A paused task or navigation would continue to a target on the old map.
-    if chassis.tasks.paused:
-        raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
-    if chassis.tasks.active or chassis.tasks.between_tasks:
-        raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
-    if chassis.ownership.driver:
-        raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)
-    if chassis.ownership.navigation:
-        raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
 
 
 _MIN_SPEED = 0.01

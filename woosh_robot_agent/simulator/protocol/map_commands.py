@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from google.protobuf.message import Message
 
@@ -12,24 +12,21 @@ from woosh_robot_agent.pb.map import map_pack_pb2, mark_pb2, storage_edit_pb2
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.util import common_pb2
 from woosh_robot_agent.simulator import refusals
-from woosh_robot_agent.simulator.behaviour.mapping import POINT_LISTS, CollectedPoint, require_name
+from woosh_robot_agent.simulator.behaviour.mapping import require_name
 from woosh_robot_agent.simulator.chassis import Chassis
 from woosh_robot_agent.simulator.protocol import scene_files
 from woosh_robot_agent.simulator.protocol.handlers import (
     command,
-    named_map,
     named_mark,
     named_scene,
     pose,
     query,
-    require_map_changeable,
 )
 from woosh_robot_agent.simulator.protocol.reports import pose2d
 from woosh_robot_agent.simulator.refusals import RefusedError
 from woosh_robot_agent.simulator.scenes.files import MAX_SCENES
 from woosh_robot_agent.simulator.scenes.robot_files import MAX_MARKS
 from woosh_robot_agent.simulator.scenes.scene import (
-    SCENE_INDEX,
     Scene,
     files_of,
     free_id,
@@ -53,22 +50,11 @@ def _switch_map(chassis: Chassis, request: pack.SwitchMap) -> None:
         name = request.scene_name or chassis.scene.name
         old = _old_scene(chassis, name)
         scene = scene_files.updated_scene(name, old, request.file_datas)
-        if scene is None:
-            # No file describes the new scene: it gets the current map under a new name.
-            map_name = request.map_name or name
-            require_name("map_name", map_name)
-            files = scene_files.merge_files({}, request.file_datas)
-            area = dataclasses.replace(chassis.map, name=map_name, version=1)
-            scene = dataclasses.replace(
-                chassis.scene, name=name, maps=[area], start_map="", files=files
-            )
-            scene_files.check_map_files(scene)
     else:
         name = request.scene_name or _scene_of_map(chassis, request.map_name)
         scene = named_scene(chassis, name)
     map_name = request.map_name or scene_files.first_map(scene, request.file_datas)
-    chassis.switch_map(scene, named_map(scene, map_name))
-    chassis.deployment.end_session()
+    chassis.switch_map(scene, _named_map(scene, map_name))
 
 
 def _scene_of_map(chassis: Chassis, map_name: str) -> str:
@@ -93,14 +79,8 @@ def _upload(chassis: Chassis, request: map_pack_pb2.Upload) -> None:
     old = _old_scene(chassis, name)
     if old is chassis.scene:
         _require_idle(chassis)
-    scene_files.check_pictures(request.file_datas)
     full = request.method == map_pack_pb2.Upload.kFull
     scene = scene_files.updated_scene(name, old, request.file_datas, replace=full)
-    if scene is None:
-        raise RefusedError(
-            f"no file describes a map of scene {name}: add {SCENE_INDEX} with the folders of its "
-            "maps, or the YAML file and the picture of a map of map_server"
-        )
     if old is chassis.scene and scene.map(chassis.map.name) is None:
         raise RefusedError(
             f"the upload has no map {chassis.map.name}, which the robot is on: add it, or "
@@ -116,7 +96,7 @@ def _rename(chassis: Chassis, request: map_pack_pb2.Rename) -> None:
     old = new = named_scene(chassis, request.old_scene_name)
     current_map = chassis.map.name
     if request.old_map_name:
-        area = named_map(old, request.old_map_name)
+        area = _named_map(old, request.old_map_name)
         new = _with_map_renamed(old, area, request.new_map_name)
         if area is chassis.map:
             current_map = request.new_map_name
@@ -152,7 +132,7 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> None:
             raise RefusedError(f"the robot is in scene {scene.name}: switch to another one first")
         del chassis.scenes[scene.name]
         return
-    area = named_map(scene, request.map_name)
+    area = _named_map(scene, request.map_name)
     if area is chassis.map:
         raise RefusedError(f"the robot is on map {area.name}: switch to another one first")
     if len(scene.maps) == 1:
@@ -162,10 +142,32 @@ def _delete(chassis: Chassis, request: map_pack_pb2.Delete) -> None:
     chassis.replace_scene(scene, without_map(scene, area))
 
 
+def _require_map_changeable(chassis: Chassis) -> None:
+    """Require that the current map may change: nothing that depends on it runs or is paused."""
+    # A paused task or navigation would continue to a target on the old map.
+    if chassis.tasks.paused:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_PAUSED, task=chassis.tasks.proc.robot_task_id)
+    if chassis.tasks.active or chassis.tasks.between_tasks:
+        raise RefusedError(refusals.MAP_CHANGE_DURING_TASK)
+    if chassis.ownership.driver:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_DRIVING, driver=chassis.ownership.driver)
+    if chassis.ownership.navigation:
+        raise RefusedError(refusals.MAP_CHANGE_WHILE_NAVIGATION_PAUSED)
+
+
 def _require_idle(chassis: Chassis) -> None:
     """Raise RefusedError if the current map must not change now, or a map is being made."""
-    require_map_changeable(chassis)
+    _require_map_changeable(chassis)
     chassis.mapping.require_none(refusals.MAP_CHANGE_WHILE_MAPPING)
+
+
+def _named_map(scene: Scene, name: str) -> Map:
+    """Return the map called `name` of a scene, or its first map if `name` is empty."""
+    area = scene.map(name)
+    if area is None:
+        maps = ", ".join(each.name for each in scene.maps)
+        raise RefusedError(f"unknown map {name} of scene {scene.name}, which has {maps}")
+    return area
 
 
 def _old_scene(chassis: Chassis, name: str) -> Scene | None:
@@ -245,19 +247,13 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
     """Start to make or to update a map, save it, or cancel it."""
     mapping, kind = chassis.mapping, request.type
     if kind in (pack.BuildMap.kAdd, pack.BuildMap.kUpdate):
-        require_map_changeable(chassis)
+        _require_map_changeable(chassis)
         start = mapping.add if kind == pack.BuildMap.kAdd else mapping.update
         duration = start(request.scene_name, request.map_name)
-        chassis.deployment.end_session()
     elif kind == pack.BuildMap.kSave:
         duration = mapping.save()
     elif kind == pack.BuildMap.kCanel:  # cancel; the misspelling is that of the schema
-        is_new_map = mapping.draft is not None
         duration = mapping.cancel()
-        if is_new_map:
-            chassis.deployment.end_session()  # the collected points went with the map
-        else:
-            chassis.deployment.cancel()  # the map stays, without the collected points
     else:
         raise RefusedError(f"unknown type {kind} of BuildMap: 1 is add, 2 update, 3 cancel, 4 save")
     # The answer comes when the map is started, saved or cancelled.
@@ -266,46 +262,15 @@ def _build_map(chassis: Chassis, request: pack.BuildMap) -> None:
 
 @command(pack.Deployment)
 def _deployment(chassis: Chassis, request: pack.Deployment) -> Message:
-    """Collect or remove points of the map, or calibrate its reflectors."""
-    _check_deployment(chassis, request)
-    chassis.deployment.require_ready()
-    kind, mode = request.type, request.mode
-    points: Sequence[CollectedPoint] = []
-    if mode == pack.kDepCollect:
-        given = pose(request.pose)
-        # Some clients send an empty pose if they mean the pose of the robot.
-        where = given if request.HasField("pose") and given != Pose() else None
-        points = [chassis.deployment.collect(kind, where)]
-    elif mode == pack.kDepCancel:
-        chassis.deployment.cancel([kind] if kind else list(POINT_LISTS))
-    else:
-        points = chassis.deployment.calibrate()
-    markers = [
-        pack.DeploymentResponse.Marker(id=each.id, pose=pose2d(each.pose)) for each in points
-    ]
+    if (request.type, request.mode) != (pack.kMark, pack.kDepCollect):
+        raise RefusedError("this chassis collects marks only: send type 4 (mark), mode 1 (collect)")
+    given = pose(request.pose)
+    # Some clients send an empty pose if they mean the pose of the robot.
+    mark = chassis.mapping.collect_mark(None if given == Pose() else given)
+    marker = pack.DeploymentResponse.Marker(id=mark.id, pose=pose2d(mark.pose))
     return pack.DeploymentResponse(
-        type=kind, mode=mode, markers=markers, check_times=1 if markers else 0
+        type=request.type, mode=request.mode, markers=[marker], check_times=1
     )
-
-
-def _check_deployment(chassis: Chassis, request: pack.Deployment) -> None:
-    """Raise RefusedError if a Deployment is for another robot, or its type or mode is invalid."""
-    kind, mode = request.type, request.mode
-    if request.robot_id not in (0, chassis.robot_id):
-        raise RefusedError(
-            f"the request is for robot {request.robot_id}: this is robot {chassis.robot_id}"
-        )
-    # Only collecting needs a type; without a type, a cancel concerns all kinds of points.
-    if kind not in POINT_LISTS and (kind or mode == pack.kDepCollect):
-        raise RefusedError(
-            f"unknown type {kind} of Deployment: 1 is beacons, 2 codes, 3 reflectors, 4 marks"
-        )
-    if mode not in (pack.kDepCollect, pack.kDepCancel, pack.kDepReflector):
-        raise RefusedError(
-            f"unknown mode {mode} of Deployment: 1 is collect, 2 cancel, 3 calibrate"
-        )
-    if mode == pack.kDepReflector and kind not in (pack.kDeploymentTypeUndefined, pack.kReflectors):
-        raise RefusedError("only reflectors can be calibrated: use type 3")
 
 
 _MAX_MARK_NUMBER = 100

@@ -105,10 +105,11 @@ def battery(chassis: Chassis) -> robot_pb2.Battery:
 
 
 def network(chassis: Chassis) -> robot_pb2.Network:
-    """Return address and Wi-Fi."""
-    return robot_pb2.Network(
-        robot_id=chassis.robot_id, robot_ip="172.20.254.63", wifi=chassis.wifi.state()
+    """Return address and Wi-Fi, which never change."""
+    wifi = robot_pb2.Network.WiFi(
+        name="woosh-factory", strength=78, mode=robot_pb2.Network.WiFi.kClient
     )
+    return robot_pb2.Network(robot_id=chassis.robot_id, robot_ip="172.20.254.63", wifi=wifi)
 
 
 def scene(chassis: Chassis) -> robot_pb2.Scene:
@@ -212,7 +213,7 @@ def plan_path(chassis: Chassis) -> robot_pb2.PlanPath:
 
 
 def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
-    """Return all states of the robot, and the last records of its statistics, in one message."""
+    """Return all states of the robot in one message."""
     return robot_pb2.RobotInfo(
         robot_id=chassis.robot_id,
         genral=general(chassis),  # the misspelling is that of the schema
@@ -231,9 +232,6 @@ def robot_info(chassis: Chassis) -> robot_pb2.RobotInfo:
         task_history=task_history(chassis),
         status_codes=status_codes(chassis),
         abnormal_codes=abnormal_codes(chassis),
-        count_operation=chassis.statistics.days[-1],
-        count_task=chassis.statistics.tasks[-1] if chassis.statistics.tasks else None,
-        count_error=chassis.statistics.statuses[-1] if chassis.statistics.statuses else None,
     )
 
 
@@ -397,7 +395,10 @@ _EVENTS = {
         ros_pack_pb2.Feedbacks,
     )
 }
-"""Messages that are pushed each time they are emitted, even if nothing has changed."""
+"""Messages that are pushed each time they are emitted, even if nothing has changed.
+
+Only tests push Operation, Task and Status: the simulated robot keeps no statistics.
+"""
 
 TOPICS = frozenset(_STATES) | frozenset(_PERIODIC) | _EVENTS
 """Full protobuf names of all messages that a client can subscribe to."""
@@ -439,7 +440,8 @@ class StateWatch:
     def take_changes(self, *, while_moving: bool) -> list[Message]:
         """Return the periodic reports that are due and the states that have changed, once each.
 
-        PoseSpeed, which changes with every step of a moving robot, only if `while_moving`.
+        Args:
+            while_moving: False to leave out PoseSpeed, which each step of a moving robot changes.
         """
         messages = []
         for topic, last_due in self._due.items():

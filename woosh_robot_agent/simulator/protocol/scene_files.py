@@ -54,7 +54,7 @@ def updated_scene(
     upload: Iterable[common_pb2.FileData],
     *,
     replace: bool = False,
-) -> Scene | None:
+) -> Scene:
     """Return a scene after an upload. Each map that has changed gets a higher version.
 
     If all files of a robot's folder are uploaded, each map keeps the version in these files, unless
@@ -66,18 +66,22 @@ def updated_scene(
             map_server.
         replace: True to drop the old files of the scene.
 
-    Returns:
-        The scene, or None if no file describes it.
+    Raises:
+        RefusedError: a file is invalid, or no file describes the scene.
     """
     new = merge_files({}, upload)
+    _check_pictures(new)
     files = merge_files(files_of(old).all if old and not replace else {}, upload)
     try:
         scene = _read_upload(name, old, new, files)
     except DataFileError as error:
         raise RefusedError(f"scene {name} is not changed: {error}") from error
     if scene is None:
-        return None
-    check_map_files(scene)
+        raise RefusedError(
+            f"no file describes a map of scene {name}: add {SCENE_INDEX} with the folders of its "
+            "maps, or the YAML file and the picture of a map of map_server"
+        )
+    _check_map_files(scene)
     if len(scene.maps) > MAX_MAPS:
         raise RefusedError(refusals.TOO_MANY_MAPS, scene=name, limit=MAX_MAPS)
     whole = replace and SCENE_INDEX in new  # all files of a robot's folder
@@ -156,7 +160,7 @@ def first_map(scene: Scene, upload: Iterable[common_pb2.FileData]) -> str:
     return next((each.name for each in scene.maps if each.grid and each.name in stems), "")
 
 
-def check_map_files(scene: Scene) -> None:
+def _check_map_files(scene: Scene) -> None:
     """Check the files that a scene keeps for its maps, even if `scene.yaml` describes the maps."""
     try:
         for area in scene.maps:
@@ -166,15 +170,15 @@ def check_map_files(scene: Scene) -> None:
         raise RefusedError(f"scene {scene.name} is not changed: {error}") from error
 
 
-def check_pictures(upload: Iterable[common_pb2.FileData]) -> None:
+def _check_pictures(upload: Mapping[str, bytes]) -> None:
     """Raise RefusedError if a picture of an upload cannot be read, even if no map uses it."""
-    for file in upload:
-        if PurePosixPath(file.name).suffix.lower() in _PICTURES:
+    for name, data in upload.items():
+        if PurePosixPath(name).suffix.lower() in _PICTURES:
             # numpy and Pillow load slowly, and only pictures need them.
             from woosh_robot_agent.simulator.scenes.map_server import read_pixels
 
             try:
-                read_pixels(file.name, file.data)
+                read_pixels(name, data)
             except DataFileError as error:
                 raise RefusedError(f"{error}") from error
 

@@ -1,10 +1,8 @@
-"""Handlers of queries, and of requests that change settings, modes or statistics."""
+"""Handlers of queries, and of requests that change settings or modes."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Callable
 
 from google.protobuf.message import Message
 
@@ -98,13 +96,6 @@ def _sound(chassis: Chassis, request: setting_pb2.Sound) -> Message:
     return copy_of(chassis.setting.sound)
 
 
-_MAX_SPEECH = 1000
-"""Number of characters of a spoken text that are kept; the rest is cut off."""
-
-_MAX_LIGHT = 15
-"""Maximum number of a submodule of the lights. The schema does not say which submodules exist."""
-
-
 @command(pack.InitRobot)
 def _init_robot(chassis: Chassis, request: pack.InitRobot) -> None:
     """Set the pose, end all driving and the task, and initialise the robot."""
@@ -174,7 +165,6 @@ def _switch_work_mode(chassis: Chassis, request: pack.SwitchWorkMode) -> Message
         raise RefusedError(f"unknown work mode {request.mode}: 1 is deployment, 2 task, 3 schedule")
     if request.mode != chassis.readiness.work:
         chassis.mapping.require_none(refusals.WORK_MODE_WHILE_MAPPING)
-        chassis.deployment.end_session()
     chassis.readiness.work = request.mode
     return reports.mode(chassis)
 
@@ -191,9 +181,17 @@ def _switch_foot_print(chassis: Chassis, request: pack.SwitchFootPrint) -> Messa
     return pack.SwitchFootPrint(type=chassis.footprint)
 
 
+_MAX_SPEECH = 1000
+"""Number of characters of a spoken text that are kept; the rest is cut off."""
+
+
 @command(pack.Speak)
 def _speak(chassis: Chassis, request: pack.Speak) -> None:
     chassis.spoken.append(request.text[:_MAX_SPEECH])
+
+
+_MAX_LIGHT = 15
+"""Maximum number of a submodule of the lights. The schema does not say which submodules exist."""
 
 
 @command(pack.LED)
@@ -206,30 +204,15 @@ def _led(chassis: Chassis, request: pack.LED) -> Message:
     return request
 
 
+_WIFI_LIST = b'{"wifi_list": [{"ssid": "woosh-factory", "signal": 78, "connected": true}]}'
+"""The Wi-Fi networks within reach. The documents do not show the form of a real list."""
+
+
 @command(pack.RobotWiFi)
 def _wifi(chassis: Chassis, request: pack.RobotWiFi) -> Message:
-    wifi, order = chassis.wifi, request.order
-    answer = pack.RobotWiFi(order=order)
-    if order == pack.RobotWiFi.kWiFiList:
-        answer.content = wifi.scan()
-        text = answer.content.decode()
-        feedback = ros_pack_pb2.Feedback(state=ros_pack_pb2.kRosWiFiJson, msg=text)
-        # the list is also sent as a push
-        chassis.emit(ros_pack_pb2.Feedbacks(fbs=[feedback]))
-    elif order == pack.RobotWiFi.kAdd:
-        wifi.add(request.content, connect=request.is_connect_now)
-    elif order == pack.RobotWiFi.kReconnect:
-        wifi.reconnect(request.content)
-    elif order == pack.RobotWiFi.kForget:
-        wifi.forget(request.content)
-    elif order == pack.RobotWiFi.kHotspot:
-        wifi.hotspot = request.enable
-        answer.enable = request.enable
-    else:
-        raise RefusedError(
-            f"unknown Wi-Fi order {order}: 1 is list, 2 add, 3 reconnect, 4 forget, 5 hotspot"
-        )
-    return answer
+    """Answer every order as if it were carried out. The network stays as it is."""
+    content = _WIFI_LIST if request.order == pack.RobotWiFi.kWiFiList else b""
+    return pack.RobotWiFi(order=request.order, enable=request.enable, content=content)
 
 
 @query(woosh_task_pb2.RepeatTasks)
@@ -274,90 +257,13 @@ for _request, _report in {
     query(_request)(_answer_with(_report))
 
 
-_PAGE_SIZE = 100
-"""Maximum number of records of a page."""
-
-_Count = pack.CountData
-
-
-@query(pack.CountData)
-def _count_data(chassis: Chassis, request: pack.CountData) -> Message:
-    """Return records by their ids, or else a page of the records of a time span.
-
-    The quantities count all matching records, also those on other pages.
-    """
-    _check_count_request(request)
-    statistics = chassis.statistics
-    statistics.update()
-    days = _matching(request, _Count.kOperation, statistics.days, request.operation_id)
-    tasks = _matching(request, _Count.kTask, statistics.tasks, request.task_id)
-    statuses = _matching(request, _Count.kStatus, statistics.statuses, request.status_id)
-    return pack.CountDataResponse(
-        operations=count_pb2.Operations(ops=_page(request, days, request.operation_page)),
-        tasks=count_pb2.Tasks(ts=_page(request, tasks, request.task_page)),
-        abnormals=count_pb2.Abnormals(ss=_page(request, statuses, request.status_page)),
-        operation_qty=len(days),
-        task_qty=len(tasks),
-        abnormal_qty=len(statuses),
-    )
+@query(count_pb2.StatusCode)
+def _last_status_code(chassis: Chassis, request: count_pb2.StatusCode) -> Message:
+    recent = chassis.codes.recent
+    return copy_of(recent[-1]) if recent else count_pb2.StatusCode(robot_id=chassis.robot_id)
 
 
-def _check_count_request(request: pack.CountData) -> None:
-    """Raise RefusedError if a CountData has an unknown type, or an invalid page or time span."""
-    if request.req_type not in (_Count.kGet, _Count.kSync):
-        raise RefusedError(f"unknown request type {request.req_type}: 0 is get, 1 synchronise")
-    if request.count_type not in _Count.CountType.values():
-        raise RefusedError(
-            f"unknown kind of statistics {request.count_type}: 0 is all, 1 operation, 2 task, "
-            "3 status"
-        )
-    page = min(request.operation_page, request.task_page, request.status_page)
-    if page < 0:
-        raise RefusedError(f"page {page} is negative: count pages from 0")
-    first, last = request.bucket.start, request.bucket.end
-    if last and last < first:  # an end of 0 is no end
-        raise RefusedError(f"the time span from {first} to {last} ends before it starts")
-
-
-def _matching(
-    request: pack.CountData, kind: int, records: Iterable[Any], ids: Sequence[int]
-) -> list[Any]:
-    """Return the records of one kind that a client wants; `ids` are the ids that it names."""
-    if request.req_type == _Count.kSync:
-        return [each for each in records if each.id in ids]
-    if request.count_type not in (_Count.kAll, kind):
-        return []
-    first, last = request.bucket.start, request.bucket.end or math.inf
-    wanted = []
-    for each in records:
-        span = each.buckets[0] if kind == _Count.kOperation else each.bucket
-        if span.start <= last and (span.end or math.inf) >= first:  # an end of 0 is no end
-            wanted.append(each)
-    return wanted
-
-
-def _page(request: pack.CountData, records: list[Any], page: int) -> list[Any]:
-    """Return a page of records, or all records that a client has named."""
-    is_by_id = request.req_type == _Count.kSync
-    return records if is_by_id else records[page * _PAGE_SIZE : (page + 1) * _PAGE_SIZE]
-
-
-@query(count_pb2.Operation)
-def _operation(chassis: Chassis, request: count_pb2.Operation) -> Message:
-    chassis.statistics.update()
-    return copy_of(chassis.statistics.days[-1])
-
-
-def _answer_with_last(records: Callable[[Chassis], Sequence[Message]]) -> Handler:
-    """Return the handler that answers with the last record, or else with an empty one."""
-
-    def handle(chassis: Chassis, request: Any) -> Message:
-        found = records(chassis)
-        return copy_of(found[-1]) if found else type(request)(robot_id=chassis.robot_id)
-
-    return handle
-
-
-query(count_pb2.StatusCode)(_answer_with_last(lambda chassis: chassis.codes.recent))
-query(count_pb2.Task)(_answer_with_last(lambda chassis: chassis.statistics.tasks))
-query(count_pb2.Status)(_answer_with_last(lambda chassis: chassis.statistics.statuses))
+# The simulated robot keeps no statistics.
+query(pack.CountData)(lambda chassis, request: pack.CountDataResponse())
+for _record in (count_pb2.Operation, count_pb2.Task, count_pb2.Status):
+    query(_record)(lambda chassis, request: type(request)(robot_id=chassis.robot_id))

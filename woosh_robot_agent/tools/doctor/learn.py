@@ -23,7 +23,6 @@ from woosh_robot_agent.link.protos import message_types
 from woosh_robot_agent.link.reports import printable
 from woosh_robot_agent.pb.robot import robot_pack_pb2 as pack
 from woosh_robot_agent.pb.robot import robot_pb2 as robot
-from woosh_robot_agent.pb.robot.robot_count_pb2 import Operation
 from woosh_robot_agent.pb.util import task_pb2
 from woosh_robot_agent.simulator.profile import SHIPPED_FOLDER, Profile
 from woosh_robot_agent.simulator.refusals import REFUSALS, REQUEST_FAILED
@@ -238,7 +237,7 @@ _MIN_PERIOD_RATIO = 0.7
 
 
 def _rates(seen: Observations) -> _Found:
-    """Yield the times between two pushes of PoseSpeed, Battery or Operation, and between scans."""
+    """Yield the times between two pushes of PoseSpeed or Battery, and between scans."""
     moving = _gaps([t for t, _ in seen.pushed(robot.PoseSpeed)], ignore_above=_MAX_GAP_MOVING)
     if len(moving) >= _MIN_SAMPLES:
         yield ("rates", "pose_speed"), _median(moving)
@@ -248,12 +247,6 @@ def _rates(seen: Observations) -> _Found:
     repeated = [after - t for (t, one), (after, two) in pairwise(batteries) if one == two]
     if len(repeated) >= _MIN_SAMPLES:
         yield ("rates", "battery"), _interval(repeated)
-    pushes = seen.pushed(Operation)
-    unmoved = [
-        after - t for (t, one), (after, two) in pairwise(pushes) if one.mileage == two.mileage
-    ]
-    if len(unmoved) >= _MIN_SAMPLES:
-        yield ("rates", "operation"), _median(unmoved)
 
 
 def _scan_rates(seen: Observations) -> _Found:
