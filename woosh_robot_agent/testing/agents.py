@@ -38,7 +38,7 @@ _LOCK_PORT = 21000
 Domain N is in use while the port `_LOCK_PORT` + N is bound.
 """
 _DOMAINS = 100
-"""Number of domains for tests, from 1."""
+"""Number of domains for tests; the first one is 1."""
 _counter = itertools.count()
 """Number of calls of `own_domain`, so that each call tries another domain first."""
 _locks: dict[int, socket.socket] = {}
@@ -184,8 +184,8 @@ class RunningAgent(Protocol):
 _LINK_FIELDS = {field.name for field in fields(LinkConfig)} - {p.name for p in PARAMETERS}
 """Fields of `LinkConfig` that are not parameters of the agent."""
 _STALL = 10.0
-"""Minimum stall of this process after which the agent refuses the commands from before its end, in
-seconds. Longer than on a robot, because a busy test machine stalls for longer."""
+"""Minimum duration of a stall of this process, in seconds. After a stall, the agent refuses the
+commands from before its end. Longer than on a robot: a busy test machine stalls for longer."""
 
 
 class AgentInProcess:

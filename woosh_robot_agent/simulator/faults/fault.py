@@ -1,6 +1,6 @@
-"""Faults and their arguments, from command line, scenarios and Python; and faults in progress.
+"""Kinds of faults and their arguments, how they are written as text, and faults in progress.
 
-Everything that gets the name of a fault or arguments raises `FaultError` if they are invalid.
+Functions that take the name of a fault or arguments raise `FaultError` if these are invalid.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from woosh_robot_agent.simulator.serving.server import Server
 _LOG = logging.getLogger(__name__)
 
 Value = int | float | str
-"""Value of an argument. An optional number without a value is None instead."""
+"""Value of an argument. An optional number that is not given is None instead."""
 
 # Texts with keys, which a page can show in another language.
 _OR = Sentence("{one} or {other}")
@@ -131,7 +131,11 @@ class Argument:
         return _IN_UNIT(kind=text, unit=_UNITS.get(self.unit, self.unit))
 
     def _wrong(self, value: object) -> FaultError:
-        allowed = _article(self.allowed)
+        allowed = self.allowed
+        if isinstance(allowed, Said) and not self.choices:
+            # Only the English text has an article: the key, which finds translations, has none.
+            article = "an" if allowed[0] in "aeiou" else "a"
+            allowed = Said(f"{article} {allowed}", allowed.key, allowed.values)
         return FaultError(_WRONG(name=self.name, value=repr(value), allowed=allowed))
 
 
@@ -139,20 +143,11 @@ def _number(value: float) -> str:
     return f"{int(value)}" if value == int(value) else f"{value:g}"
 
 
-def _article(text: str) -> str:
-    """Return a description such as "integer" with its article; choices get none."""
-    # choices: several, joined by "or", or a single one, which is a plain str
-    if " or " in text or not isinstance(text, Said):
-        return text
-    article = "an" if text[0] in "aeiou" else "a"
-    return Said(f"{article} {text}", text.key, text.values)
-
-
 End = Callable[[], object]
 """Ends a fault."""
 
 Begin = Callable[[Server, "Injection"], "End | None"]
-"""Begins a fault. Returns the function that ends it, None if it has no duration at all."""
+"""Begins a fault. Returns the function that ends it, or None if the fault is already over."""
 
 FOR = Argument(
     "for", 0.0, "time after which the fault ends; 0: no limit", 0, unit="s of simulated time"
@@ -169,7 +164,7 @@ class Fault:
         begin: function that begins the fault.
         own_arguments: arguments, without `for`, which all lasting faults have.
         lasting: True if the fault lasts until it is cleared or expires; False for a momentary
-            fault, which is over at once or when it has done all that it does.
+            fault, which is over at once or after a number of pushes.
         shared: True if simultaneous injections act as one fault, which ends with the last of them.
         check: raises FaultError for an invalid combination of arguments; None if all are valid.
     """
@@ -445,7 +440,7 @@ class Injector:
             self._active[injection] = self._clock + seconds if seconds else None
         else:
             _LOG.info("fault: %s", injection)
-            injection.active = False  # it is already over
+            injection.active = False
         return injection
 
     def clear(self) -> None:
