@@ -313,7 +313,7 @@ class AgentProcess:
             raise AssertionError(f"{error}; log of the agent: {self.output}") from None
 
     def wait_connected(self, times: int = 1) -> None:
-        self.wait_says(": connected to ", times)  # not "not connected to"
+        self.wait_says(": connected to ", times)  # the colon excludes "not connected to"
 
     def close(self) -> None:
         """End the agent by SIGINT, or kill it after `TIMEOUT`; idempotent."""

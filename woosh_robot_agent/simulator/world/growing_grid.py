@@ -77,7 +77,7 @@ class GrowingGrid:
         self.full = False
         if base is None:
             self.resolution = RESOLUTION
-            # Walls are often at multiples of the resolution: they are in the middle of cells.
+            # Walls are often at multiples of the resolution. This puts them in the middle of cells.
             self._anchor = (-0.5 * RESOLUTION, -0.5 * RESOLUTION)
             """Corner from which columns and rows are counted, in metres in the map's frame."""
             self._evidence: Cells = np.zeros((1, 1), np.int8)
@@ -94,7 +94,7 @@ class GrowingGrid:
     def add_scan(
         self, laser: Pose, first: float, increment: float, ranges: Sequence[float]
     ) -> None:
-        """Add a scan. Rays without an echo say nothing.
+        """Add a scan. Rays without an echo are ignored.
 
         Args:
             laser: pose of the laser in the map's frame.
