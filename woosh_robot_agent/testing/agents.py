@@ -82,7 +82,7 @@ def _lock_domain() -> tuple[int, socket.socket]:
     raise RuntimeError(f"all {_DOMAINS} ROS domains for tests are in use on this machine")
 
 
-def inherited_lock(domain: int) -> tuple[int, ...]:
+def _inherited_lock(domain: int) -> tuple[int, ...]:
     """Return the file descriptors that a child process in a domain must inherit.
 
     They keep the domain in use for as long as the process runs, even if the test is killed. There
@@ -277,7 +277,7 @@ class AgentProcess:
             env={**os.environ, **domain_variables(domain), "PYTHONUNBUFFERED": "1"},
             stderr=subprocess.PIPE,
             text=True,
-            pass_fds=inherited_lock(domain),
+            pass_fds=_inherited_lock(domain),
             **self.popen_options,
         )
         self.lines: list[str] = []

@@ -149,7 +149,7 @@ End = Callable[[], object]
 Begin = Callable[[Server, "Injection"], "End | None"]
 """Begins a fault. Returns the function that ends it, or None if the fault is already over."""
 
-FOR = Argument(
+_FOR = Argument(
     "for", 0.0, "time after which the fault ends; 0: no limit", 0, unit="s of simulated time"
 )
 """An argument of all lasting faults."""
@@ -180,7 +180,7 @@ class Fault:
     @property
     def all_arguments(self) -> tuple[Argument, ...]:
         """Arguments of the fault, and `for` if it lasts."""
-        return (*self.own_arguments, FOR) if self.lasting else self.own_arguments
+        return (*self.own_arguments, _FOR) if self.lasting else self.own_arguments
 
     def resolve(
         self, arguments: Mapping[str, object], extra: tuple[Argument, ...] = ()
@@ -288,7 +288,7 @@ class Injection:
             self.clear()
 
 
-def find_fault(name: str) -> Fault:
+def _find_fault(name: str) -> Fault:
     """Return the fault called `name`; raise FaultError if there is none."""
     try:
         return FAULTS[name]
@@ -324,7 +324,7 @@ _AT = Argument("at", 0.0, "time at which the fault begins", 0.0, unit="s of simu
 
 def _make_step(name: str, arguments: Mapping[str, object]) -> Step:
     """Return a step of a scenario, with all defaults filled in, from arguments and `at`."""
-    resolved = find_fault(name).resolve(arguments, extra=(_AT,))
+    resolved = _find_fault(name).resolve(arguments, extra=(_AT,))
     return Step(resolved.pop("at"), name, resolved)
 
 
@@ -341,7 +341,7 @@ def parse_fault(text: str) -> Step:
     except ValueError as error:
         raise FaultError(_UNREADABLE(text=repr(text), error=str(error))) from None
     name, words = (words[0], words[1:]) if words else ("", [])
-    known = {argument.name: argument for argument in (*find_fault(name).all_arguments, _AT)}
+    known = {argument.name: argument for argument in (*_find_fault(name).all_arguments, _AT)}
     arguments: dict[str, object] = {}
     for word in words:
         key, equals, value = word.partition("=")
@@ -424,7 +424,7 @@ class Injector:
 
     def inject(self, name: str, **arguments: object) -> Injection:
         """Begin a fault with the given arguments."""
-        fault = find_fault(name)
+        fault = _find_fault(name)
         number = self.counts[name] + 1
         rng = random.Random(f"{self._seed}:{name}:{number}")
         injection = Injection(fault, number, fault.resolve(arguments), rng, self._clear)
