@@ -9,6 +9,7 @@ from collections import Counter
 import pytest
 from websockets.exceptions import ConnectionClosed
 
+from tests.asynchronous import eventually
 from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, Connect, ConnectTcp, JsonClient, TcpClient, packed
 from woosh_robot_agent.pb.robot import robot_pb2
@@ -186,5 +187,19 @@ def test_faults_work_in_the_event_loop_of_the_caller() -> None:
             simulator.inject("half_open")
             simulator.inject("freeze")
             simulator.inject("off")  # the simulator can still shut down
+
+    asyncio.run(scenario())
+
+
+def test_off_also_drops_a_client_that_connects_before_the_ports_close() -> None:
+    async def scenario() -> None:
+        async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
+            async with simulator._changing:  # an earlier change takes its time
+                simulator.inject("off")
+                _, writer = await asyncio.open_connection("127.0.0.1", simulator.tcp_port)
+                await eventually(lambda: simulator.connections, "the client")
+            await simulator.settle()
+            await eventually(lambda: not simulator.connections, "the end of the connection", 10.0)
+            writer.close()
 
     asyncio.run(scenario())

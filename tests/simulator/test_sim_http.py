@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import http.client
 import json
@@ -12,8 +13,9 @@ from typing import Any
 
 import pytest
 
+from tests.quick_chassis import quick_config
 from tests.simulator.sim_wire import TIMEOUT, Json, JsonClient
-from woosh_robot_agent.simulator import SimulatorThread
+from woosh_robot_agent.simulator import SimulatedChassis, SimulatorThread
 from woosh_robot_agent.testing import wait_until
 
 MODE = "woosh.robot.Mode"
@@ -206,6 +208,21 @@ def test_drop_ends_the_connections_of_calls(web: HttpClient, simulator: Simulato
     simulator.clear_faults()
     web.close()
     assert web.ask(MODE)["work"] == 2
+
+
+def test_the_wait_for_the_last_client_ends_with_a_call() -> None:
+    async def scenario() -> None:
+        async with SimulatedChassis(quick_config(port=0, tcp_port=0)) as simulator:
+            simulator.mute(MODE)
+            _, writer = await asyncio.open_connection("127.0.0.1", simulator.port)
+            writer.write(b"POST /woosh/robot/Mode HTTP/1.1\r\nHost: a\r\nContent-Length: 0\r\n\r\n")
+            await simulator.wait_received(MODE)
+            waiting = asyncio.ensure_future(simulator.wait_disconnected())
+            await asyncio.sleep(0)  # it begins to wait
+            writer.close()
+            await asyncio.wait_for(waiting, TIMEOUT)
+
+    asyncio.run(scenario())
 
 
 @pytest.mark.parametrize("name", ["half_open", "freeze"])

@@ -26,7 +26,7 @@ from woosh_robot_agent.simulator.server import SimulatedChassis
 _DISCONNECT_TIMEOUT = 1.0
 """Maximum time for which clients are still served after a signal, in seconds.
 
-The same Ctrl-C may end an agent, which must still be able to stop the robot.
+The same Ctrl-C may end an agent, which then stops the robot and needs the link for that.
 """
 
 _DASHBOARD = "woosh_robot_agent.tools.dashboard.beside_simulator"
@@ -52,16 +52,17 @@ class _PortError(Exception):
 
 
 def run(arguments: Sequence[str] | None, signals: StopSignals) -> int:
-    """Run a simulated chassis until a signal arrives; with `--check` or the like, only that tool.
+    """Run a simulated chassis until a signal arrives, or only do what e.g. `--check` asks for.
 
-    After the signal, the chassis serves its clients until they have disconnected, for a second at
-    most. A second signal ends it at once, unless it comes within `_REPEAT_TIME` of the first one.
+    After the signal, the chassis still serves its clients until they have disconnected, for
+    `_DISCONNECT_TIMEOUT` at most. Another signal, later than `_REPEAT_TIME`, ends it at once.
 
     Args:
         arguments: command-line arguments; None for the arguments of this process.
 
     Returns:
-        The exit status: 0, or 1 if the chassis could not start, or the tool failed or found errors.
+        The exit status: 1 if the chassis could not start, or if `--check` or `--learn` failed;
+        otherwise 0.
 
     Raises:
         SystemExit: an argument or the scenario is invalid, or the help was printed.
@@ -142,7 +143,7 @@ def _check(scene: Path, profile: str) -> int:
 
 
 async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: int | None) -> None:
-    """Serve clients until a signal arrives, and a little longer, as `run` says.
+    """Serve clients until a signal arrives, and until they have disconnected, as `run` says.
 
     Args:
         dashboard_port: port of the page; None to serve no page.
@@ -170,13 +171,15 @@ async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: 
                     flush=True,
                 )
                 await stopping.wait()
-            waits = (_wait_for_another_signal(stopping), simulator.wait_disconnected())
-            tasks = [asyncio.ensure_future(each) for each in waits]
+            ends = [
+                asyncio.ensure_future(_wait_for_another_signal(stopping)),
+                asyncio.ensure_future(simulator.wait_disconnected()),
+            ]
             await asyncio.wait(
-                tasks, timeout=_DISCONNECT_TIMEOUT, return_when=asyncio.FIRST_COMPLETED
+                ends, timeout=_DISCONNECT_TIMEOUT, return_when=asyncio.FIRST_COMPLETED
             )
-            for task in tasks:
-                task.cancel()
+            for end in ends:
+                end.cancel()
     finally:
         loop.remove_reader(signals.fd)
 
@@ -201,7 +204,7 @@ def _port(text: str) -> int:
 
 
 async def _wait_for_another_signal(stopping: asyncio.Event) -> None:
-    """Wait until another signal sets `stopping`, except within `_REPEAT_TIME` of the first one."""
+    """Wait until a signal after `_REPEAT_TIME` sets `stopping` again."""
     await asyncio.sleep(_REPEAT_TIME)
     stopping.clear()
     await stopping.wait()

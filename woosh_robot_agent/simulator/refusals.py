@@ -194,16 +194,16 @@ SAVE_OUTSIDE_DEPLOYMENT = Refusal(
 MAPPING_RUNS = Refusal("mapping of {map} {phase}: save or cancel it first")
 MAPPING_CHANGES = Refusal("mapping of {map} {phase}: wait for the answer to BuildMap first")
 UPDATE_UNKNOWN_SCENE = Refusal(
-    "unknown scene {scene}: use one of {scenes}", code=codes.UPDATE_PARAMETERS
+    "unknown scene {scene}: use one of {scenes}", code=codes.WRONG_UPDATE_PARAMETERS
 )
 UPDATE_UNKNOWN_MAP = Refusal(
-    "unknown map {map} of scene {scene}, which has {maps}", code=codes.UPDATE_PARAMETERS
+    "unknown map {map} of scene {scene}, which has {maps}", code=codes.WRONG_UPDATE_PARAMETERS
 )
 UPDATE_OTHER_MAP = Refusal(
     "map {map} of scene {scene} is not the current one: switch to it by SwitchMap first",
-    code=codes.UPDATE_PARAMETERS,
+    code=codes.WRONG_UPDATE_PARAMETERS,
 )
-SAVE_WHILE_LOST = Refusal(LOCALISATION_LOST.explanation, code=codes.SAVING_LOST)
+SAVE_WHILE_LOST = Refusal(LOCALISATION_LOST.explanation, code=codes.SAVING_WHILE_LOST)
 COLLECTING_OUTSIDE_DEPLOYMENT = Refusal(
     "robot is not in deployment mode: send SwitchWorkMode with mode 1 first",
     code=codes.DEPLOYMENT_FORBIDDEN,

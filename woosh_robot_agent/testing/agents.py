@@ -38,7 +38,7 @@ _LOCK_PORT = 21000
 Domain N is in use while the port `_LOCK_PORT` + N is bound.
 """
 _DOMAINS = 100
-"""Number of domains for tests, from 1."""
+"""Number of domains for tests; the first one is 1."""
 _counter = itertools.count()
 """Number of calls of `own_domain`, so that each call tries another domain first."""
 _locks: dict[int, socket.socket] = {}
@@ -82,7 +82,7 @@ def _lock_domain() -> tuple[int, socket.socket]:
     raise RuntimeError(f"all {_DOMAINS} ROS domains for tests are in use on this machine")
 
 
-def inherited_lock(domain: int) -> tuple[int, ...]:
+def _inherited_lock(domain: int) -> tuple[int, ...]:
     """Return the file descriptors that a child process in a domain must inherit.
 
     They keep the domain in use for as long as the process runs, even if the test is killed. There
@@ -184,8 +184,8 @@ class RunningAgent(Protocol):
 _LINK_FIELDS = {field.name for field in fields(LinkConfig)} - {p.name for p in PARAMETERS}
 """Fields of `LinkConfig` that are not parameters of the agent."""
 _STALL = 10.0
-"""Minimum stall of this process after which the agent refuses the commands from before its end, in
-seconds. Longer than on a robot, because a busy test machine stalls for longer."""
+"""Minimum duration of a stall of this process, in seconds. After a stall, the agent refuses the
+commands from before its end. Longer than on a robot: a busy test machine stalls for longer."""
 
 
 class AgentInProcess:
@@ -277,7 +277,7 @@ class AgentProcess:
             env={**os.environ, **domain_variables(domain), "PYTHONUNBUFFERED": "1"},
             stderr=subprocess.PIPE,
             text=True,
-            pass_fds=inherited_lock(domain),
+            pass_fds=_inherited_lock(domain),
             **self.popen_options,
         )
         self.lines: list[str] = []
@@ -313,7 +313,7 @@ class AgentProcess:
             raise AssertionError(f"{error}; log of the agent: {self.output}") from None
 
     def wait_connected(self, times: int = 1) -> None:
-        self.wait_says(": connected to ", times)  # not "not connected to"
+        self.wait_says(": connected to ", times)  # the colon excludes "not connected to"
 
     def close(self) -> None:
         """End the agent by SIGINT, or kill it after `TIMEOUT`; idempotent."""

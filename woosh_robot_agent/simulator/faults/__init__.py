@@ -1,17 +1,15 @@
-"""Faults of the robot and of its link, on demand.
+"""Faults of the robot and of its link.
 
 `FAULTS` lists them all. `SimulatedChassis.inject` begins one now, a `Scenario` at a given time.
 """
 
-from woosh_robot_agent.simulator.config import Scenario, Step
+from woosh_robot_agent.simulator.config import Scenario
 from woosh_robot_agent.simulator.faults import (
     chassis_faults,  # noqa: F401 - adds its faults
     link_faults,  # noqa: F401 - adds its faults
 )
 from woosh_robot_agent.simulator.faults.fault import (
     FAULTS,
-    Argument,
-    Fault,
     FaultError,
     Injection,
     load_scenario,
@@ -21,12 +19,9 @@ from woosh_robot_agent.simulator.faults.fault import (
 
 __all__ = [
     "FAULTS",
-    "Argument",
-    "Fault",
     "FaultError",
     "Injection",
     "Scenario",
-    "Step",
     "load_scenario",
     "markdown",
     "parse_fault",

@@ -43,9 +43,9 @@ _POLL_PERIOD = 0.002
 
 @fault("the emergency stop button is pressed; at the end it is released", shared=True)
 def _emergency_stop(server: Server, injection: Injection) -> End:
-    before = server.chassis.readiness.emergency_stop
+    was_pressed = server.chassis.readiness.emergency_stop
     server.set_emergency_stop(True)
-    return lambda: server.set_emergency_stop(before)
+    return lambda: server.set_emergency_stop(was_pressed)
 
 
 @fault(
@@ -53,11 +53,11 @@ def _emergency_stop(server: Server, injection: Injection) -> End:
 )
 def _lost_localisation(server: Server, injection: Injection) -> End:
     readiness = server.chassis.readiness
-    before = readiness.located
+    was_located = readiness.located
     server.lose_localisation()
 
     def end() -> None:
-        readiness.located = readiness.located or before
+        readiness.located = readiness.located or was_located
         server.push_changes()
 
     return end
@@ -75,9 +75,9 @@ def _lost_localisation(server: Server, injection: Injection) -> End:
 )
 def _key_switch(server: Server, injection: Injection) -> End:
     readiness = server.chassis.readiness
-    before, accepted = readiness.key_manual, readiness.key_accepts
+    was_manual, accepted = readiness.key_manual, readiness.key_accepts
     server.set_key_switch(True, accept=injection["requests"] == "accepted")
-    return lambda: server.set_key_switch(before, accept=accepted)
+    return lambda: server.set_key_switch(was_manual, accept=accepted)
 
 
 @fault(
@@ -115,13 +115,13 @@ def _clock_jump(server: Server, injection: Injection) -> End:
 
 
 # Texts with keys, which a page can show in another language.
-_BOTH = Sentence("obstacle: give both x and y, or neither of them")
+_HALF_POSITION = Sentence("obstacle: give both x and y, or neither of them")
 _NO_TOPIC = Sentence("burst: type: {type} is not one of {topics}")
 
 
 def _check_position(arguments: Mapping[str, Any]) -> None:
     if (arguments["x"] is None) != (arguments["y"] is None):
-        raise FaultError(_BOTH())
+        raise FaultError(_HALF_POSITION())
 
 
 @fault(
@@ -174,7 +174,7 @@ def _burst(server: Server, injection: Injection) -> End:
     def push() -> None:
         server.push(_current(server.chassis, injection["type"]))
 
-    return _repeat(server, injection, push)
+    return asyncio.ensure_future(_repeat(server, injection, push)).cancel
 
 
 @fault(
@@ -200,23 +200,11 @@ def _code_burst(server: Server, injection: Injection) -> End:
         server.chassis.codes.report(code, util_action_pb2.kNav)
         server.push_changes()
 
-    return _repeat(server, injection, report)
+    return asyncio.ensure_future(_repeat(server, injection, report)).cancel
 
 
-def _repeat(server: Server, injection: Injection, push: Callable[[], None]) -> End:
-    """Call `push` in the background, `count` times at the `rate` of the arguments.
-
-    Returns:
-        A function that stops the calls.
-    """
-    return asyncio.ensure_future(_push_repeatedly(server, injection, push)).cancel
-
-
-async def _push_repeatedly(server: Server, injection: Injection, push: Callable[[], None]) -> None:
-    """Call `push` `count` times, at the `rate`, or as fast as clients read if that is 0.
-
-    The last call ends the fault, because it reaches `count`.
-    """
+async def _repeat(server: Server, injection: Injection, push: Callable[[], None]) -> None:
+    """Call `push` `count` times, at the `rate`, or as fast as clients read if that is 0."""
     loop = asyncio.get_running_loop()
     start = loop.time()
     rate, count = injection["rate"], injection["count"]
@@ -226,11 +214,11 @@ async def _push_repeatedly(server: Server, injection: Injection, push: Callable[
         elif number % _SLICE == 0:
             await _wait_for_clients(server)
         push()
-        injection.hit()
+        injection.hit()  # the last one ends the fault, because it reaches `count`
 
 
 def _current(chassis: Chassis, type_name: str) -> Message:
-    """Return the current report of a type of pushes; for an event, an empty message."""
+    """Return the report of this type on the current state; for an event, an empty message."""
     cls: Any = message_type(type_name)
     report = STATES.get(cls) or PERIODIC.get(cls)
     return report(chassis) if report else cls()

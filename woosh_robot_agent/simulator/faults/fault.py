@@ -1,6 +1,6 @@
-"""Faults and their arguments, from command line, scenarios and Python; and faults in progress.
+"""Kinds of faults and their arguments, how they are written as text, and faults in progress.
 
-Everything that gets the name of a fault or arguments raises `FaultError` if they are invalid.
+Functions that take the name of a fault or arguments raise `FaultError` if these are invalid.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from woosh_robot_agent.simulator.serving.server import Server
 _LOG = logging.getLogger(__name__)
 
 Value = int | float | str
-"""Value of an argument. An optional number without a value is None instead."""
+"""Value of an argument. An optional number that is not given is None instead."""
 
 # Texts with keys, which a page can show in another language.
 _OR = Sentence("{one} or {other}")
@@ -131,7 +131,11 @@ class Argument:
         return _IN_UNIT(kind=text, unit=_UNITS.get(self.unit, self.unit))
 
     def _wrong(self, value: object) -> FaultError:
-        allowed = _article(self.allowed)
+        allowed = self.allowed
+        if isinstance(allowed, Said) and not self.choices:
+            # Only the English text has an article: the key, which finds translations, has none.
+            article = "an" if allowed[0] in "aeiou" else "a"
+            allowed = Said(f"{article} {allowed}", allowed.key, allowed.values)
         return FaultError(_WRONG(name=self.name, value=repr(value), allowed=allowed))
 
 
@@ -139,22 +143,13 @@ def _number(value: float) -> str:
     return f"{int(value)}" if value == int(value) else f"{value:g}"
 
 
-def _article(text: str) -> str:
-    """Return a description such as "integer" with its article; choices get none."""
-    # choices: several, joined by "or", or a single one, which is a plain str
-    if " or " in text or not isinstance(text, Said):
-        return text
-    article = "an" if text[0] in "aeiou" else "a"
-    return Said(f"{article} {text}", text.key, text.values)
-
-
 End = Callable[[], object]
 """Ends a fault."""
 
 Begin = Callable[[Server, "Injection"], "End | None"]
-"""Begins a fault. Returns the function that ends it, None if it has no duration at all."""
+"""Begins a fault. Returns the function that ends it, or None if the fault is already over."""
 
-FOR = Argument(
+_FOR = Argument(
     "for", 0.0, "time after which the fault ends; 0: no limit", 0, unit="s of simulated time"
 )
 """An argument of all lasting faults."""
@@ -169,7 +164,7 @@ class Fault:
         begin: function that begins the fault.
         own_arguments: arguments, without `for`, which all lasting faults have.
         lasting: True if the fault lasts until it is cleared or expires; False for a momentary
-            fault, which is over at once or when it has done all that it does.
+            fault, which is over at once or after a number of pushes.
         shared: True if simultaneous injections act as one fault, which ends with the last of them.
         check: raises FaultError for an invalid combination of arguments; None if all are valid.
     """
@@ -185,7 +180,7 @@ class Fault:
     @property
     def all_arguments(self) -> tuple[Argument, ...]:
         """Arguments of the fault, and `for` if it lasts."""
-        return (*self.own_arguments, FOR) if self.lasting else self.own_arguments
+        return (*self.own_arguments, _FOR) if self.lasting else self.own_arguments
 
     def resolve(
         self, arguments: Mapping[str, object], extra: tuple[Argument, ...] = ()
@@ -293,7 +288,7 @@ class Injection:
             self.clear()
 
 
-def find_fault(name: str) -> Fault:
+def _find_fault(name: str) -> Fault:
     """Return the fault called `name`; raise FaultError if there is none."""
     try:
         return FAULTS[name]
@@ -329,7 +324,7 @@ _AT = Argument("at", 0.0, "time at which the fault begins", 0.0, unit="s of simu
 
 def _make_step(name: str, arguments: Mapping[str, object]) -> Step:
     """Return a step of a scenario, with all defaults filled in, from arguments and `at`."""
-    resolved = find_fault(name).resolve(arguments, extra=(_AT,))
+    resolved = _find_fault(name).resolve(arguments, extra=(_AT,))
     return Step(resolved.pop("at"), name, resolved)
 
 
@@ -346,7 +341,7 @@ def parse_fault(text: str) -> Step:
     except ValueError as error:
         raise FaultError(_UNREADABLE(text=repr(text), error=str(error))) from None
     name, words = (words[0], words[1:]) if words else ("", [])
-    known = {argument.name: argument for argument in (*find_fault(name).all_arguments, _AT)}
+    known = {argument.name: argument for argument in (*_find_fault(name).all_arguments, _AT)}
     arguments: dict[str, object] = {}
     for word in words:
         key, equals, value = word.partition("=")
@@ -429,7 +424,7 @@ class Injector:
 
     def inject(self, name: str, **arguments: object) -> Injection:
         """Begin a fault with the given arguments."""
-        fault = find_fault(name)
+        fault = _find_fault(name)
         number = self.counts[name] + 1
         rng = random.Random(f"{self._seed}:{name}:{number}")
         injection = Injection(fault, number, fault.resolve(arguments), rng, self._clear)
@@ -445,7 +440,7 @@ class Injector:
             self._active[injection] = self._clock + seconds if seconds else None
         else:
             _LOG.info("fault: %s", injection)
-            injection.active = False  # it is already over
+            injection.active = False
         return injection
 
     def clear(self) -> None:

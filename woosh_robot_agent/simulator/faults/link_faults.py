@@ -97,9 +97,10 @@ def _on_frames(
     def begin(server: Server, injection: Injection) -> End:
         def intercept(frame: Outgoing) -> Iterable[Outgoing]:
             kind, name = ("answers", frame.request) if frame.is_answer else ("pushes", frame.type)
-            # A fault without the argument `frames` affects only answers.
+            # Faults without the argument `frames` affect only answers.
             of_kind = injection.arguments.get("frames", "answers") in (kind, "all")
             of_type = injection["type"] in (name, "")
+            # `answer_twice` makes two frames: the first may have ended this fault by its `count`.
             if injection.active and of_kind and of_type:
                 altered = alter(injection, frame)
                 injection.hit()
@@ -108,7 +109,7 @@ def _on_frames(
 
         return add_hook(server.hooks.faults, intercept)
 
-    begin.__name__ = alter.__name__  # which names the fault
+    begin.__name__ = alter.__name__  # `fault` takes the name of the fault from it
     return begin
 
 
@@ -272,7 +273,7 @@ def _damaging(damage: Callable[[Injection, Codec, str | bytes], Encoded]) -> Beg
 
         def damage_further(codec: Codec, data: str | bytes) -> Encoded:
             damaged = damage_before(codec, data) if damage_before else data
-            # The other fault may write the frame itself, or may have made it unreadable.
+            # Frames that the other fault writes itself or makes unreadable are left at that.
             if callable(damaged) or (damage_before and not _readable(codec, damaged)):
                 return damaged
             return damage(injection, codec, damaged)
@@ -320,7 +321,7 @@ def _truncated(injection: Injection, codec: Codec, data: str | bytes) -> Encoded
 
 
 def _truncated_on_wire(data: str | bytes) -> Write:
-    """Return the function that writes half a frame, and aborts the connection."""
+    """Return a function that writes half a frame, and aborts the connection."""
     raw = _bytes(data)
 
     async def write(transport: ServerTransport) -> None:

@@ -31,16 +31,15 @@ def load_scene(path: Path) -> Scene:
     try:
         if (path / SCENE_INDEX).is_file():
             return read_robot_scene(path.resolve().name, read_robot_folder(path))
-        path.stat()  # raises an error if there is nothing
-        is_folder = path.is_dir()
-        names = [file.name for file in path.iterdir()] if is_folder else [path.name]
+        if path.is_dir():
+            folder, name = path, path.resolve().name
+            names = [file.name for file in path.iterdir()]
+        else:
+            path.stat()  # raises an error if there is no such file
+            folder, names = path.parent, [path.name]
+            name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
     except OSError as error:
         raise DataFileError(f"{path}: {error.strerror}") from error
-    if is_folder:
-        folder, name = path, path.resolve().name
-    else:
-        folder = path.parent
-        name = path.resolve().parent.name if path.name == SCENE_FILE else path.stem
     scene = read_handwritten_scene(name, names, lambda each: _read_file(folder / each))
     if scene is None:
         raise DataFileError(
@@ -147,7 +146,7 @@ def _load(path: Path) -> Scene:
     """
     try:
         scene = _load_shipped(path) if path in _SHIPPED else load_scene(path)
-    except DataFileError as error:  # it may only name the file, e.g. a scene.yaml of many
+    except DataFileError as error:  # its text may lack the folder: "scene.yaml: ..."
         text = str(error)
         raise DataFileError(text if text.startswith(str(path)) else f"{path}: {text}") from None
     return dataclasses.replace(scene, maps=list(scene.maps), files=dict(scene.files))

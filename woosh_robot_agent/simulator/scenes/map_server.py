@@ -1,6 +1,6 @@
 """Read maps of nav2's map_server: a picture (PNG, or plain or raw PGM) and a YAML file.
 
-The keys of the YAML file have the same meaning as for nav2's map_server. The files of robots lack
+The keys of the YAML file have the same meaning as for map_server. Robots write such files without
 `negate` and the thresholds.
 """
 
@@ -24,8 +24,8 @@ _MAX_PIXELS = 4096 * 4096
 """Maximum size of a picture: 200 x 200 m with pixels of 5 cm. Computing the distance fields then
 takes some seconds."""
 
-Floats: TypeAlias = npt.NDArray[np.float32]
-"""A value from 0 to 1 for each pixel; the first row has the greatest y."""
+Shades: TypeAlias = npt.NDArray[np.float32]
+"""A brightness or opacity from 0 to 1 for each pixel; the first row has the greatest y."""
 
 
 class _Origin(NamedTuple):
@@ -98,7 +98,7 @@ def read_keepout(name: str, data: bytes, grid: Grid) -> KeepOut:
     return np.ascontiguousarray(cells == OCCUPIED)
 
 
-def read_pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
+def read_pixels(name: str, data: bytes) -> tuple[Shades, Shades | None]:
     """Return brightness and opacity of each pixel; no opacity if the picture has no transparency.
 
     Args:
@@ -137,7 +137,7 @@ def read_pixels(name: str, data: bytes) -> tuple[Floats, Floats | None]:
     return pixels[:, :, :3].mean(axis=2), opacity
 
 
-def _cells(brightness: Floats, opacity: Floats | None, description: _Description) -> Cells:
+def _cells(brightness: Shades, opacity: Shades | None, description: _Description) -> Cells:
     """Convert pixels to cells as map_server does.
 
     Args:

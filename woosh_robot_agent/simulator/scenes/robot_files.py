@@ -244,7 +244,8 @@ def read_task_info(files: Mapping[str, bytes]) -> woosh_task_pb2.TaskInfo:
     counts += [len(each.task_set.tasks) for each in info.repeat_tasks]
     counts += [len(each.task_set.tasks) for each in info.call_tasks]
     if max(counts) > MAX_TASKS:
-        raise DataFileError(f"{TASK_INFO}: {max(counts)} tasks are more than {MAX_TASKS}")
+        text = f"{max(counts)} task sets, or tasks in a set, are more than {MAX_TASKS}"
+        raise DataFileError(f"{TASK_INFO}: {text}")
     return info
 
 

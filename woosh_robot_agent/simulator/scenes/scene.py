@@ -149,7 +149,7 @@ def with_map(scene: Scene, area: Map) -> Scene:
     old = scene.map(area.name)
     if old is None:
         number = free_id(each.id for each in scene.maps)
-        # without the index, which does not list the new map; `files_of` creates a new one
+        # Without the index, which does not list the new map: `files_of` creates a new one.
         files = {name: data for name, data in scene.files.items() if name != SCENE_INDEX}
         return replace(scene, maps=[*scene.maps, replace(area, id=number)], files=files)
     newer = replace(
@@ -166,6 +166,7 @@ def with_map(scene: Scene, area: Map) -> Scene:
 def without_map(scene: Scene, area: Map) -> Scene:
     """Return a scene without one of its maps, and without the start if that is on this map."""
     maps = [each for each in scene.maps if each is not area]
+    # Also without the index, which lists the map: `files_of` creates a new one.
     files = {
         name: data
         for name, data in scene.files.items()

@@ -131,7 +131,7 @@ class MapEntry:
 
 @dataclass(frozen=True)
 class StepEntry:
-    """A task of a task set.
+    """A task of a task set: an item of its `steps`.
 
     Attributes:
         mark: number of the target mark.
@@ -275,7 +275,6 @@ def _scene(entry: SceneEntry, name: str, read: FileReader) -> Scene:
             woosh_task_pb2.RepeatTask(times=each.times, task_set=_task_set(each, marks))
             for each in entry.tasks.predefined
         )
-        # those that call buttons start
         scene.calls.call_tasks.extend(_call_task(each, marks) for each in entry.tasks.calls)
     return scene
 

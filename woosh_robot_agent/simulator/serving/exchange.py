@@ -240,12 +240,14 @@ class MessageHandler:
         received: the last messages from clients, oldest first: at most 10,000 and 64 MiB.
         counts: number of readable messages from clients since the start, by type.
         bad_frames: number of frames from clients that could not be decoded.
-        before_request: called before each request is executed.
+        client_left: set when a client has disconnected.
+        before_request: called for each request, before it is executed.
         frozen: True if requests are queued instead of executed.
     """
 
     def __init__(self, chassis: Chassis, max_waiting: int = SimulatorConfig.max_waiting) -> None:
         self.clients: set[Client] = set()
+        self.client_left = asyncio.Event()
         self.hooks = Hooks()
         self.received: deque[Received] = deque()
         self.counts: Counter[str] = Counter()
@@ -272,6 +274,7 @@ class MessageHandler:
         """Remove a client and its subscriptions."""
         client.forget()
         self.clients.discard(client)
+        self.client_left.set()
         self._watch_subscribed()
 
     def receive(self, client: Client, data: str | bytes) -> None:
@@ -327,7 +330,9 @@ class MessageHandler:
     def report_changes(self, *, while_moving: bool) -> None:
         """Push all new events, the reports that are due, and the states that have changed.
 
-        PoseSpeed, which changes with every step of a moving robot, only if `while_moving`.
+        Args:
+            while_moving: False to leave out PoseSpeed, which a moving robot would push after each
+                request.
         """
         self._push_events()
         for message in self._watch.take_changes(while_moving=while_moving):
@@ -352,12 +357,12 @@ class MessageHandler:
         if not name:
             return Request(client, codec, name, envelope.sn, None, "the request has no type")
         message, refusal_reason = None, ""
-        if name not in HANDLERS:
+        if name not in HANDLERS:  # its message, if there is one, is decoded for `received`
             refusal_reason = f"unknown message type {name}"
         try:
             message = codec.body(envelope, message_type(name))
         except KeyError:
-            pass  # no message has this type, so that it has no handler either
+            pass  # no message has this type, so there is no handler either
         except FrameError as error:
             self.bad_frames += 1
             refusal_reason = f"unreadable body: {error}"

@@ -63,8 +63,8 @@ class HttpTransport(HttpServerTransport):
         status: status of the response.
 
     Attributes:
-        response: done when the response is known. If `send_raw` has already written it, an empty
-            one, which goes nowhere.
+        response: future of the response. If `send_raw` writes it, aiohttp gets an empty one, which
+            goes nowhere.
     """
 
     def __init__(self, connection: HttpConnection, status: HTTPStatus) -> None:

@@ -29,9 +29,9 @@ _CLOSE_TIMEOUT = 0.3
 """Timeout for an orderly close of a connection, in seconds."""
 
 _MIN_STEP = 0.005
-"""Minimum real duration of a step within which the simulated time advances too, in seconds.
+"""Minimum real duration of a step, in seconds, for the simulated time to advance within the step.
 
-At a higher speed, steps are shorter, and the time advances by whole steps.
+Shorter steps, at a higher speed, are made as a whole.
 """
 
 _ROUND_DURATION = 0.02
@@ -56,7 +56,7 @@ class Server:
         config: the options; None for the defaults.
 
     Attributes:
-        port: port of WebSocket and HTTP. If any free port may be used, it is valid once started.
+        port: port of WebSocket and HTTP. If the configured port is 0, `listen` sets the real one.
         tcp_port: TCP port; likewise.
         chassis: the model of the robot.
         speed: simulated seconds per real second, above 0. It can be changed at any time.
@@ -73,7 +73,7 @@ class Server:
         self._reserved: list[socket.socket] = []
         """Sockets that keep the ports reserved while they are closed."""
         self._changing = asyncio.Lock()
-        """Held while the ports are opened or closed."""
+        """Held while the ports are opened or closed. It is fair, so changes happen in order."""
         self._last_change: asyncio.Task[None] | None = None
         """The last task of `set_listening`."""
         self._paused = False
@@ -84,8 +84,6 @@ class Server:
         """Set while frames are read."""
         self._writing = asyncio.Event()
         """Set while frames are sent."""
-        self._client_left = asyncio.Event()
-        """Set when a client has disconnected; cleared by `wait_disconnected`."""
         self._http_calls = HttpCalls(self._handler, self.config, self._reading, self._writing)
         self._ticker: asyncio.Task[None] | None = None
         """Task that advances the simulated time, None before the start."""
@@ -105,14 +103,37 @@ class Server:
         return self._handler.hooks
 
     async def listen(self) -> None:
-        """Start listening, on the same ports as before, unless the ports are open already.
+        """Listen on both ports, or on neither; do nothing if they are open.
+
+        After `stop_listening`, the ports are the same as before.
 
         Raises:
             OSError: a port is in use.
         """
         async with self._changing:
-            if not self._listeners:
-                await self._open()
+            if self._listeners:
+                return
+            config = self.config
+            websocket = await serve_websocket(
+                self._serve,
+                config.host,
+                self.port,
+                max_size=config.max_frame,
+                before_handshake=self._reading.wait,
+                respond=self._http_calls.respond,
+                # Otherwise a browser on this machine would let any web page connect.
+                local_pages_only=config.local,
+            )
+            try:
+                tcp = await serve_tcp(
+                    self._serve, config.host, self.tcp_port, max_size=config.max_frame
+                )
+            except OSError:
+                await websocket.close()
+                raise
+            self._listeners = [websocket, tcp]
+            self.port, self.tcp_port = websocket.port, tcp.port
+            self._free_reserved()  # not before: another program could have taken the ports
 
     async def stop_listening(self) -> None:
         """Drop all clients and refuse new ones. The simulated time goes on."""
@@ -120,17 +141,14 @@ class Server:
         await self._close(reserve=True)
 
     def set_listening(self, on: bool) -> None:
-        """Listen again on the same ports, or drop all clients and refuse new ones.
+        """Listen again on the same ports (True), or drop all clients and refuse new ones (False).
 
-        The ports change in the background, after earlier changes. Failures are logged.
+        The ports change in the background. Failures are logged.
         """
         if not on:
             self.drop()
-        previous = self._last_change
 
         async def change() -> None:
-            if previous:
-                await asyncio.wait({previous})
             try:
                 await (self.listen() if on else self._close(reserve=True))
             except OSError as error:
@@ -139,12 +157,12 @@ class Server:
         self._last_change = asyncio.ensure_future(change())
 
     async def settle(self) -> None:
-        """Wait until the last `set_listening` has taken effect, which the fault `off` calls."""
+        """Wait until all calls of `set_listening`, e.g. by the fault `off`, have taken effect."""
         if self._last_change:
             await asyncio.wait({self._last_change})
 
     def drop(self) -> None:
-        """Abort all connections, as a broken cable would, also those between two HTTP requests."""
+        """Abort all connections, as a broken cable would, also HTTP connections that are idle."""
         self._drop_clients()
         for listener in self._listeners:
             listener.drop()
@@ -167,8 +185,8 @@ class Server:
     async def wait_disconnected(self) -> None:
         """Wait until no client is connected."""
         while self.connections:
-            self._client_left.clear()
-            await self._client_left.wait()
+            self._handler.client_left.clear()
+            await self._handler.client_left.wait()
 
     def set_emergency_stop(self, pressed: bool) -> None:
         """Press or release the emergency stop button."""
@@ -213,53 +231,22 @@ class Server:
         """Largest number of frames that wait for one client."""
         return max((client.backlog for client in self._handler.clients), default=0)
 
-    async def _open(self) -> None:
-        """Listen on both ports, or on none.
-
-        Raises:
-            OSError: a port is in use.
-        """
-        config = self.config
-        try:
-            websocket = await serve_websocket(
-                self._serve,
-                config.host,
-                self.port,
-                max_size=config.max_frame,
-                before_handshake=self._reading.wait,
-                respond=self._http_calls.respond,
-                # Otherwise a browser on this machine would let any web page connect.
-                local_pages_only=config.local,
-            )
-            self._listeners.append(websocket)
-            tcp = await serve_tcp(
-                self._serve, config.host, self.tcp_port, max_size=config.max_frame
-            )
-            self._listeners.append(tcp)
-        except OSError:
-            await self._close_ports(reserve=False)
-            raise
-        self.port, self.tcp_port = websocket.port, tcp.port
-        self._free_reserved()  # not before: another program could have taken the ports
-
     async def _close(self, *, reserve: bool) -> None:
-        """Stop listening.
+        """Stop listening, and drop the clients that are still connected or have just connected.
 
         Args:
             reserve: True to keep the ports reserved, so that no other program can take them.
         """
         async with self._changing:
-            await self._close_ports(reserve)
-
-    async def _close_ports(self, reserve: bool) -> None:
-        """Do the work of `_close`, while `_changing` is held."""
-        listeners, self._listeners = self._listeners, []
-        await asyncio.gather(*(listener.close() for listener in listeners))
-        if listeners or not reserve:  # otherwise the ports are reserved already
-            self._free_reserved()
-        for listener in listeners if reserve else ():
-            for family, address in listener.addresses:
-                self._reserve(family, address)
+            listeners, self._listeners = self._listeners, []
+            await asyncio.gather(*(listener.close() for listener in listeners))
+            self._drop_clients()
+            if not reserve:
+                self._free_reserved()
+                return
+            for listener in listeners:
+                for family, address in listener.addresses:
+                    self._reserve(family, address)
 
     def _reserve(self, family: int, address: tuple[str, int]) -> None:
         """Bind a port without listening, so that connections to it are refused.
@@ -299,7 +286,6 @@ class Server:
             _LOG.info("%s disconnected: %s", transport.peer, error)
         finally:
             self._handler.leave(client)
-            self._client_left.set()
             writer.cancel()
             await transport.close(_CLOSE_TIMEOUT)
 
@@ -400,7 +386,7 @@ class Server:
 
     @property
     def _runs_within_steps(self) -> bool:
-        """True if the simulated time advances between two steps too."""
+        """True if the simulated time advances within a step too, not only from step to step."""
         return (
             bool(self._ticker) and not self._handler.frozen and TIME_STEP / self.speed >= _MIN_STEP
         )

@@ -2,7 +2,7 @@
 
 The gap between an outline and walls is the distance by which all sides of the outline could move
 outwards before one touches a wall. A negative gap is the depth to which a wall has entered the
-outline. It grows on the way out of a collision, so that a base can leave one.
+outline. A base that overlaps a wall may only make moves that do not reduce the gap.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ RESOLUTION = 0.05
 """Side of a cell of a new map, in metres."""
 
 _ECHO, _MAX_EVIDENCE, _MIN_EVIDENCE = 2, 20, -10
-"""Evidence of a scan with echoes in a cell, and limits of the sum. Rays through a cell count -1.
+"""Evidence of a scan with echoes in a cell, and limits of the sum. Rays through a cell are -1.
 
 Because of the limits, a few scans can change a cell, however often it was seen before.
 """
@@ -51,7 +51,7 @@ It exceeds the noise of the laser, so that all echoes of a wall are in the same 
 """
 
 _MARGIN = 64
-"""Number of cells by which the grid grows beyond the needed ones, so that it grows seldom."""
+"""Number of cells by which the grid grows beyond what is needed, so that it grows seldom."""
 
 _EDGE = 10
 """Width of the border of unknown cells around the known cells in the raster, in cells."""
@@ -77,7 +77,7 @@ class GrowingGrid:
         self.full = False
         if base is None:
             self.resolution = RESOLUTION
-            # Walls are often at multiples of the resolution: they are in the middle of cells.
+            # Walls are often at multiples of the resolution. This puts them in the middle of cells.
             self._anchor = (-0.5 * RESOLUTION, -0.5 * RESOLUTION)
             """Corner from which columns and rows are counted, in metres in the map's frame."""
             self._evidence: Cells = np.zeros((1, 1), np.int8)
@@ -94,7 +94,7 @@ class GrowingGrid:
     def add_scan(
         self, laser: Pose, first: float, increment: float, ranges: Sequence[float]
     ) -> None:
-        """Add a scan. Rays without an echo say nothing.
+        """Add a scan. Rays without an echo are ignored.
 
         Args:
             laser: pose of the laser in the map's frame.
@@ -164,10 +164,11 @@ class GrowingGrid:
             return
         image = Image.new("L", (right - left + 1, top - bottom + 1))
         corners = np.stack((columns - left, rows - bottom), axis=1).ravel().tolist()
-        # The sides are left out: between two distant echoes, they run through cells of a wall.
+        # Between two distant echoes, a side of the polygon runs through cells of a wall, and a
+        # corner may be an echo. So sides and corners do not count as free.
         ImageDraw.Draw(image).polygon(corners, fill=1, outline=0)
         passed = np.array(image).view(np.int8)
-        passed[rows - bottom, columns - left] = 0  # so are the corners, which may be echoes
+        passed[rows - bottom, columns - left] = 0
         part = self._evidence[
             bottom - self._bottom : top - self._bottom + 1,
             left - self._left : right - self._left + 1,
@@ -178,7 +179,7 @@ class GrowingGrid:
         part[echoes] = np.minimum(part[echoes] + _ECHO, _MAX_EVIDENCE)
 
     def _reserve(self, left: int, bottom: int, right: int, top: int) -> bool:
-        """Grow until the grid has these columns and rows. Return False if it would be too large."""
+        """Grow to include these columns and rows; return False if the grid would be too large."""
         height, width = self._evidence.shape
         # Rows below and above, columns before and after.
         growth = [
