@@ -65,7 +65,6 @@ class AnsweredRequest(NamedTuple):
     """
 
     t: float
-    sn: int
     request: str
     request_body: Message | None
     delay: float
@@ -163,18 +162,15 @@ class Observations:
         for frame in frames:
             self.add(frame)
 
-    def add(self, frame: SeenFrame) -> AnsweredRequest | None:
-        """Add a frame; return the answered request if the frame answers one, otherwise None."""
+    def add(self, frame: SeenFrame) -> None:
+        """Add a frame."""
         self.frames += frame.by_robot
         try:
             envelope = server_codec(frame.data).decode(frame.data)
         except FrameError as error:
             self.unreadable[f"a frame: {error.kind}"] += 1
-            return None
-        if frame.by_robot:
-            return self._add_from_robot(frame, envelope)
-        self._add_from_client(frame, envelope)
-        return None
+        else:
+            (self._add_from_robot if frame.by_robot else self._add_from_client)(frame, envelope)
 
     def latest(self, cls: type[_M]) -> tuple[_M | None, int]:
         """Return the last message of a class, or None, and the number of messages of the class."""
@@ -210,8 +206,8 @@ class Observations:
             request = frame.t, envelope.type, self._body(frame, envelope)
             self._pending[frame.connection, envelope.sn] = request
 
-    def _add_from_robot(self, frame: SeenFrame, envelope: Envelope) -> AnsweredRequest | None:
-        """Add a push or an answer; return the answered request, None if there is none."""
+    def _add_from_robot(self, frame: SeenFrame, envelope: Envelope) -> None:
+        """Add a push or an answer."""
         if envelope.timestamp:
             self.offsets.append(envelope.timestamp / 1000 - frame.t)
         pending = self._pending.pop((frame.connection, envelope.sn), None) if envelope.sn else None
@@ -230,7 +226,6 @@ class Observations:
             sent_at, request, request_body = pending
             answer = AnsweredRequest(
                 frame.t,
-                envelope.sn,
                 request,
                 request_body,
                 frame.t - sent_at,
@@ -241,8 +236,6 @@ class Observations:
                 size,
             )
             self.answers.append(answer)
-            return answer
-        return None
 
     def _body(self, frame: SeenFrame, envelope: Envelope) -> Message | None:
         """Return the body of a frame, and note types and fields that the schema lacks.
