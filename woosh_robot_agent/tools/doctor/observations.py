@@ -327,7 +327,7 @@ def _names(message: Any) -> Iterator[str]:
         elif each.name in _ID_FIELDS:
             yield from map(str, items)
         elif each.type == FieldDescriptor.TYPE_STRING and each.name not in _HARMLESS_FIELDS:
-            # a single character would be redacted everywhere in other texts
+            # not a single character, which would be redacted wherever it occurs
             yield from (item for item in items if len(item) > 1)
         elif each.type == FieldDescriptor.TYPE_BYTES:  # e.g. the list of networks, as JSON
             yield from (text for item in items for text in _texts_in_json(item))
