@@ -279,7 +279,7 @@ function Running() {
   const notContinued = hindrance ? say(hindrance) : "";
   const reason = target && refusal(target.command);
   const notSent = reason ? say(reason) : "";
-  // the notice says the reason; where it is in no notice, the robot's own text may say the same
+  // only the remedy if a notice says the reason; not the robot's text, too, which may say the same
   const remedy = hindrance?.objection && !target ? remedyOf(hindrance.objection) : "";
   const told = remedy || notContinued || task.text;
   const text = [taskState(task), told && ` · ${told}`];

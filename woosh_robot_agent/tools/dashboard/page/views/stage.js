@@ -251,9 +251,9 @@ function Notices() {
 }
 
 /**
- * Tell the map which margins the notices cover, or would cover, and on a small screen the panel.
- * There, pad the panel by the height that the notices cover of it; its content stays where it is on
- * the screen.
+ * Tell the map which of its margins are covered: by the notices, or would be by one notice, and on a
+ * small screen by the panel. There, the notices may cover the top of the panel, too: pad it by that
+ * height, and scroll it, so that its content stays where it is on the screen.
  */
 function updateCovered() {
   const canvas = map?.canvas.getBoundingClientRect();
