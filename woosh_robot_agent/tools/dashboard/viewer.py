@@ -122,7 +122,7 @@ class Viewer:
         message = json.dumps(content, separators=(",", ":"))
         if len(self._notes) + len(self._stale) >= _MAX_NOTES:
             abort_transport(self._transport)
-        elif len(message) > _PIECE:  # in pieces, like a part, and others overtake it
+        elif len(message) > _PIECE:  # in pieces, like a part, so that others overtake it
             large = Parts()
             large.messages[name := f"note {next(self._large_notes)}"] = message
             self._changed(large, [name])

@@ -195,7 +195,7 @@ def _answers(seen: Observations) -> _Found:
     times = {name: _distribution(found) for name, found in sorted(delays.items())}
     own_times = reference()["answers"]["requests"]
     usual = [each for name, each in times.items() if name not in own_times]
-    if usual:  # each type counts alike, so that one that is slow or frequent changes little
+    if usual:  # each type counts once, so that a slow or a frequent type changes little
         medians = [
             quantile(column, 0.5) for column in zip(*(each.value for each in usual), strict=True)
         ]

@@ -301,7 +301,7 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     with _writing(folder):
         text = json.dumps(found, indent=1, ensure_ascii=False)
         for name, content in ((SURVEY_FILE, f"{text}\n"), (REPORT_FILE, markdown(found))):
-            # half a surrogate pair, as a robot may send it, is no UTF-8, but an escape in JSON
+            # a robot may send half a surrogate pair: it has no UTF-8, but an escape that JSON reads
             (folder / name).write_text(content, encoding="utf-8", errors="backslashreplace")
     early = "" if complete else ", stopped early"
     return (

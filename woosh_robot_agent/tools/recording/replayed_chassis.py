@@ -56,7 +56,7 @@ def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | 
 def _reencode(frame: str | bytes, recorded: Codec, codec: Codec, sn: int | None) -> str | bytes:
     """Convert a frame from the encoding `recorded` to that of the receiver, `codec`.
 
-    A frame that cannot be read is returned as it is. One of an unknown type loses its body.
+    A frame that cannot be read is returned as it is. A frame of an unknown type loses its body.
     """
     try:
         envelope = recorded.decode(frame)
