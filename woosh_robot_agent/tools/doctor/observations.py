@@ -214,7 +214,7 @@ class Observations:
         if pending and not envelope.type:  # an answer may leave out its type
             envelope.type = pending[1]
         refused = envelope.sn != 0 and envelope.ok is False
-        # a refusal without a body has no values, not default values
+        # a refusal without a body tells nothing, not that all values are the default ones
         body = None if refused and not envelope.body else self._body(frame, envelope)
         if body is not None:
             self._add_body(frame, body, pushed=not envelope.sn)

@@ -273,7 +273,7 @@ function updateCovered() {
   const height = notices?.height ? notices.bottom - canvas.top : 0; // in pixels, like `room`
   const room = parseFloat(getComputedStyle(document.documentElement).getPropertyValue("--notice"));
   map?.setInset({
-    // over an open sheet the map is low already
+    // an open sheet leaves little of the map: keep no more free than one notice
     top: below ? Math.min(room, height) : Math.max(room, height),
     right: 0,
     bottom: below ? Math.max(0, canvas.bottom - covered.top) : 0,
