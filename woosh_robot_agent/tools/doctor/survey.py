@@ -103,10 +103,11 @@ class _ObservedCodec(JsonCodec):
         self._loop.call_soon_threadsafe(self._seen.add, frame)
 
 
-class _Survey:
-    """A running survey.
+class _Surveyor:
+    """Queries a robot, and observes what it sends.
 
     Attributes:
+        seen: what was observed so far.
         http: answers over HTTP, by query; None for a query that was not answered.
         lost: number of connections that were lost.
     """
@@ -269,13 +270,13 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
         with TemporaryFile(dir=folder) as file:
             file.write(bytes(_NEEDED_SPACE))
     stop = stop_event()
-    running_survey = _Survey(config)
+    surveyor = _Surveyor(config)
+    seen = surveyor.seen
     began = time.monotonic()
-    running = asyncio.ensure_future(running_survey.run())
+    running = asyncio.ensure_future(surveyor.run())
     stopping = asyncio.ensure_future(stop.wait())
 
     def progress() -> dict[str, Any]:
-        seen = running_survey.seen
         text = f"answers {len(seen.answers)}, pushes {len(seen.pushes)}"
         return {"completed": time.monotonic() - began, "description": text}
 
@@ -287,14 +288,14 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     if running.done():
         running.result()  # raise its exception
     await cancel_and_wait(running, stopping)
-    if not running_survey.seen.frames:
+    if not seen.frames:
         raise ToolError("the robot has sent nothing, so nothing is written: see the checks")
     found = results(
-        running_survey.seen,
-        http=running_survey.http,
+        seen,
+        http=surveyor.http,
         seconds=seconds,
         complete=complete,
-        lost=running_survey.lost,
+        lost=surveyor.lost,
         address=config.address,
         with_names=with_names,
     )
@@ -305,6 +306,6 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
             (folder / name).write_text(content, encoding="utf-8", errors="backslashreplace")
     early = "" if complete else ", stopped early"
     return (
-        f"surveyed for {seconds:.0f} s{early}: {len(running_survey.seen.answers)} answers, "
-        f"{len(running_survey.seen.pushes)} pushes; read {folder / REPORT_FILE}"
+        f"surveyed for {seconds:.0f} s{early}: {len(seen.answers)} answers, "
+        f"{len(seen.pushes)} pushes; read {folder / REPORT_FILE}"
     )
