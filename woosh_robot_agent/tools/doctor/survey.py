@@ -26,7 +26,8 @@ from woosh_robot_agent.link.frames import Envelope
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reconnect import open_link
 from woosh_robot_agent.link.reports import LinkRecord
-from woosh_robot_agent.link.tasks import cancel_and_wait
+from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
+from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.map import map_pack_pb2 as pack
 from woosh_robot_agent.pb.map import mark_pb2
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Find, Storages
@@ -68,6 +69,8 @@ _SCAN_POLL_PERIOD = 0.04
 """Time between two requests for a scan, in seconds: a fraction of the time between two scans."""
 _MAX_UNANSWERED = 2
 """Number of unanswered queries of a type after which that type is not sent again."""
+_MAX_SILENCE = 600.0
+"""Time of silence after which the link itself gives up, in seconds: longer than any query takes."""
 _RETRY = 1.0
 """Time until a lost connection is opened again, in seconds."""
 _NEEDED_SPACE = 1 << 20
@@ -116,8 +119,11 @@ class _Surveyor:
         self.seen = Observations()
         self.http: dict[str, HttpAnswer | None] = {}
         self.lost = 0
-        # a robot that hangs after a query loses the link before it gets the next one
-        self._config = replace(config, liveness_timeout=config.request_timeout)
+        # a robot may be silent while it prepares a large answer; `_ask` notices if it hangs
+        self._config = replace(config, liveness_timeout=_MAX_SILENCE)
+        self._transport: Transport
+        """The open connection; set by `run`, as is the next one."""
+        self._connection: Connection
         self._make = RequestMaker(config.robot_id)
         self._rounds = 0
         """Number of completed rounds of requests."""
@@ -129,39 +135,41 @@ class _Surveyor:
         codec, record = _ObservedCodec(self.seen), LinkRecord(_SILENT)
         while True:
             try:
-                transport = await open_link(self._config)
+                self._transport = await open_link(self._config)
             except LinkError:
                 pass
             else:
                 # pushes need no consumer: the codec has added them to the observations
-                connection = Connection(transport, codec, self._config, record, lambda *_: None)
+                self._connection = Connection(
+                    self._transport, codec, self._config, record, lambda *_: None
+                )
                 try:
-                    await self._ask_all(connection)
+                    await self._ask_all()
                 except LinkError:
                     self.lost += 1
                 finally:
-                    await connection.close(ConnectionLostError("the survey has closed it"))
+                    await self._connection.close(ConnectionLostError("the survey has closed it"))
             await asyncio.sleep(_RETRY)
 
-    async def _ask_all(self, connection: Connection) -> None:
+    async def _ask_all(self) -> None:
         """Subscribe to everything, then send the queries in rounds until cancelled.
 
         Raises:
             LinkError: the connection is lost.
         """
         # also to types that robots are only known to send as answers
-        connection.subscribe(list(_EMPTY_REQUESTS), on=True)
+        self._connection.subscribe(list(_EMPTY_REQUESTS), on=True)
         while True:
             for request, timeout in self._requests():
                 if self._unanswered[full_name(request)] < _MAX_UNANSWERED:
-                    await self._ask(connection, request, timeout)
+                    await self._ask(request, timeout)
                     await asyncio.sleep(_PAUSE)
             self._rounds += 1
             if self._rounds == 1:
                 await self._ask_over_http()
             if self.seen.scans:  # to learn the time between two scans
                 delays = [number * _SCAN_POLL_PERIOD for number in range(_SCAN_POLLS)]
-                await asyncio.gather(*(self._poll_scan(connection, each) for each in delays))
+                await asyncio.gather(*map(self._poll_scan, delays))
             await asyncio.sleep(_PAUSE)
 
     def _requests(self) -> Iterator[tuple[Message, float]]:
@@ -195,28 +203,36 @@ class _Surveyor:
         lists = storages.ListFields() if storages else []  # one for each type of mark
         return next((mark for _, found in lists for mark in found), mark_pb2.Storages.Base())
 
-    async def _ask(self, connection: Connection, request: Message, timeout: float) -> None:
-        """Send a request, and wait for its answer.
+    async def _ask(self, request: Message, timeout: float) -> None:
+        """Send a request, and wait for its answer; without one, ping the robot.
 
         Raises:
-            LinkError: the connection is lost.
+            LinkError: the connection is lost, or the robot answers neither the request nor the
+                ping.
         """
         name = full_name(request)
         try:
-            await connection.request(request, Sending(timeout))
+            await self._connection.request(request, Sending(timeout))
         except RequestTimeoutError:
             self._unanswered[name] += 1
+            await self._ping()
         except ConnectionLostError:  # perhaps because this type makes the robot end the link
             self._unanswered[name] += 1
             raise
         else:
             self._unanswered[name] = 0
 
-    async def _poll_scan(self, connection: Connection, delay: float) -> None:
+    async def _ping(self) -> None:
+        try:
+            await run_with_timeout(self._config.request_timeout, self._transport.ping())
+        except (TimeoutError, TransportClosedError):
+            raise ConnectionLostError("a ping is not answered") from None
+
+    async def _poll_scan(self, delay: float) -> None:
         """Request a scan after a delay, in seconds, even if earlier requests wait for answers."""
         await asyncio.sleep(delay)
         with suppress(RequestTimeoutError):
-            await connection.request(self._make.empty(ScannerData), Sending())
+            await self._connection.request(self._make.empty(ScannerData), Sending())
 
     async def _ask_over_http(self) -> None:
         """Send each query over HTTP; stop after two if neither of them is answered."""
