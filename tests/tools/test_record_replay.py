@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import socket
 from contextlib import AsyncExitStack
 from typing import Any
 
@@ -210,6 +211,36 @@ async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path):
         await eventually(lambda: replayed.rounds)
         assert (await client.request(RobotInfo())).ok
         assert client.stats.connects == 1
+
+
+async def read_to_end(connection: socket.socket) -> None:
+    loop = asyncio.get_running_loop()
+    while await asyncio.wait_for(loop.sock_recv(connection, 1 << 20), 5):
+        pass
+
+
+@pytest.mark.parametrize("client_ends", [False, True])
+async def test_what_the_network_has_not_taken_is_dropped(tmp_path, monkeypatch, client_ends):
+    """A command must not arrive long after the end of its client or of the recording."""
+    monkeypatch.setattr("woosh_robot_agent.tools.recording.proxy._LINGER_TIMEOUT", 0.1)
+    loop = asyncio.get_running_loop()
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)  # it takes only a few kB
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        server.setblocking(False)
+        async with recording(tmp_path / "a.mcap", server.getsockname()[1]) as port:
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            chassis, _ = await loop.sock_accept(server)
+            writer.write(bytes(60_000))
+            await loop.sock_recv(chassis, 1)  # the proxy forwards
+            if client_ends:
+                writer.write_eof()
+                with contextlib.suppress(ConnectionResetError):
+                    await asyncio.wait_for(reader.read(), 5)  # until the proxy has ended, too
+        with chassis, pytest.raises(ConnectionResetError):
+            await read_to_end(chassis)
+        writer.close()
 
 
 async def test_a_client_that_connects_while_the_proxy_stops_is_dropped(tmp_path, monkeypatch):

@@ -81,6 +81,14 @@ def test_every_tool_has_an_entry_point_and_a_help_text_without_ros() -> None:
         assert f"usage: {tool} " in done.stdout
 
 
+def test_a_tool_that_does_not_exist_is_named() -> None:
+    command = [sys.executable, "-m", tools.__package__, "bogus"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("usage: ")
+    assert done.stderr.endswith("error: there is no tool 'bogus'\n")
+
+
 def test_ctrl_c_while_a_tool_starts_ends_it_without_a_traceback() -> None:
     code = """
 import signal, sys
@@ -438,6 +446,8 @@ def test_replay_without_a_recording_fails(tmp_path, capsys):
         ("maps", ["--ip", "127.0.0.1", "upload", "a", "b", "--scene", "c"]),
         ("maps", ["--ip", "127.0.0.1", "upload", "a", "--scene", ""]),
         ("maps", ["--ip", "127.0.0.1", "--timeout", "0", "list"]),
+        ("maps", ["--ip", "127.0.0.1", "rename", "office", "a/b"]),
+        ("maps", ["--ip", "127.0.0.1", "upload", "office", "--scene", ".."]),
         ("record", ["--ip", "x", "--listen", "x:70000"]),
         ("record", ["--ip", "x", "--max-size", "1e305"]),
         ("record", ["--ip", "x", "--max-size", "1 GiB"]),

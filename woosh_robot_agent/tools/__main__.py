@@ -41,7 +41,9 @@ def start(name: str, arguments: Sequence[str] | None = None) -> int:
 dashboard, doctor, maps, monitor, record, replay = (partial(start, name) for name in _MODULES)
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2 or sys.argv[1] not in _MODULES:
+    tool = sys.argv[1] if len(sys.argv) > 1 else ""
+    if tool not in _MODULES:
         print(f"usage: python3 -m {__package__} {{{','.join(_MODULES)}}} ...", file=sys.stderr)
+        print("error:", f"there is no tool {tool!r}" if tool else "name a tool", file=sys.stderr)
         sys.exit(2)
-    sys.exit(start(sys.argv[1], sys.argv[2:]))
+    sys.exit(start(tool, sys.argv[2:]))

@@ -1,4 +1,4 @@
-"""What the tools share: options, the event that ends them, and the error that they print."""
+"""Options and errors that the tools share, and the event that ends them."""
 
 from __future__ import annotations
 

@@ -30,8 +30,8 @@ class RobotView:
     Attributes:
         is_empty: True until the first message.
         has_robot_info: True once a RobotInfo, which holds the whole state, has been received.
-        codes: the newest status codes, at most `_MAX_CODES`, the newest last, by the values that
-            tell them apart.
+        codes: the newest status codes, at most `_MAX_CODES`, the newest last; by time, code and
+            task.
         actions: last feedback of each action of `woosh.ros`, by the action's name, e.g. `MoveBase`.
         values: last value of each type of the other messages.
     """
@@ -40,7 +40,7 @@ class RobotView:
         self.codes: RecentDict[tuple[int, ...], StatusCode] = RecentDict(_MAX_CODES)
         self.actions: RecentDict[str, Feedback] = RecentDict(_MAX_ACTIONS)
         self.values = LastKnown()  # filled by `update`
-        # an empty one, into which parts are merged that arrive before the first RobotInfo
+        # empty, because parts that arrive before the first RobotInfo are merged into it
         self.values.remember(RobotInfo())
         self.is_empty = True
         self.has_robot_info = False

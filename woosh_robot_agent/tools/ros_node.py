@@ -19,7 +19,7 @@ from woosh_robot_agent.ros.second_agent import UNKNOWN_NODE
 def find_agents(node: Node) -> set[tuple[str, str]]:
     """Return name and namespace of the agents in the namespace of a node.
 
-    Each node that publishes a topic that every agent publishes counts as one.
+    Every node that publishes the first topic of the table of endpoints counts as an agent.
     """
     topic = node.resolve_topic_name(TOPICS[0].name)
     return {

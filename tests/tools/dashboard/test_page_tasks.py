@@ -193,8 +193,8 @@ async def test_where_a_task_to_a_place_goes(chassis: SimulatorThread, by: str) -
             )
         )
         assert (task_["to"], task_["place"]) == ("", pytest.approx([1.0, -6.0], abs=0.1))
-        card = await viewer.until(lambda parts: parts["fleet"][0]["task"])
-        assert card["place"] == task_["place"]
+        place = await viewer.until(lambda parts: parts["fleet"][0]["task"]["place"])
+        assert place == task_["place"]
 
 
 async def test_the_answer_to_a_task_that_the_log_has_already_removed_is_ignored() -> None:

@@ -207,7 +207,7 @@ COMMANDS: Mapping[str, Command] = MappingProxyType(
         "goMark": Command(_go_to_mark, on_map=True),
         "charge": Command(lambda args, _: _task(args, "charge")),  # the robot chooses where
         "setPose": Command(_tell_pose, on_map=True),
-        # tells the robot that it is where it was when it was switched off
+        # the robot takes the pose that it had when it was switched off
         "keepPose": Command(lambda *_: pack.InitRobot(is_record=True)),
         "pause": Command(lambda *_: pack.ActionOrder(order=action.kPause), interrupts=True),
         "continue": Command(lambda *_: pack.ActionOrder(order=action.kContinue)),

@@ -440,7 +440,7 @@ class Control:
             "limits": {"linear": limits.max_linear, "angular": limits.max_angular},
             "maximum": self._limits.max_linear,
             "speedLimit": self.speed_limit,
-            # without a limit, the robot may have refused to end the last one: it is slower at most
+            # not without a limit: if the robot refuses to end the last one, it is only too slow
             "speedRefusal": value_data(self._speed_limiter.refusal if self.speed_limit else ""),
             "driver": {"name": value_data(driver.name), "detail": value_data(driver.detail)},
             "standstill": value_data(self._standstill.warning),

@@ -216,7 +216,7 @@ class MapSource:
             return
 
     def end_subscription(self) -> None:
-        """Receive the map that the robot is making no more, until the next call of `update`."""
+        """End the subscription to the map that the robot is making; `update` begins it again."""
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None
@@ -243,7 +243,7 @@ async def _picture(
     origin: tuple[float, float, float],
     content: dict[str, Any],
 ) -> MapPicture:
-    """Return a map from the images of a robot; `content` is further data of it for the page.
+    """Return a map, made of the images of a robot and of `content`, further data for the page.
 
     Raises:
         MapError: the map has no valid resolution, origin or image.

@@ -337,7 +337,7 @@ class Robot:
         while True:
             if not self._shared.watched.is_set():
                 self.map.end_subscription()
-            # also for a robot that nobody watches: it may have no link when somebody does
+            # also if no viewer watches this robot: its link may be lost when one chooses it
             await self._shared.watched.wait()
             self.map.update()
             # robots push the path only when it changes, which may have been before the connection

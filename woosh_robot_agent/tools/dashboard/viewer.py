@@ -99,7 +99,7 @@ class Viewer:
         self._watch()
 
     def set_visible(self, visible: bool) -> None:
-        """Begin or stop to send parts: a hidden page needs none."""
+        """Begin or stop sending parts: a hidden page needs none."""
         self.visible = visible
         self.unwatch()
         self._watch()
@@ -118,11 +118,11 @@ class Viewer:
                 parts.watch(self, partial(self._changed, parts))
 
     def note(self, **content: Any) -> None:
-        """Send a note to the page; disconnect the viewer if too much waits."""
+        """Send a note to the page; disconnect the viewer if too many messages wait."""
         message = json.dumps(content, separators=(",", ":"))
         if len(self._notes) + len(self._stale) >= _MAX_NOTES:
             abort_transport(self._transport)
-        elif len(message) > _PIECE:  # in pieces, like a part, and others overtake it
+        elif len(message) > _PIECE:  # in pieces, like a part, so that others overtake it
             large = Parts()
             large.messages[name := f"note {next(self._large_notes)}"] = message
             self._changed(large, [name])

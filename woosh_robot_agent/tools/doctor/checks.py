@@ -358,6 +358,7 @@ async def _open_link(config: LinkConfig) -> Transport:
             text,
             "check --ip and --transport; if they are right, the robot's program hangs: switch "
             "the robot off and on",
+            text,
         ) from None
     except OSError as error:
         raise CheckFailedError(
@@ -366,9 +367,7 @@ async def _open_link(config: LinkConfig) -> Transport:
         ) from None
 
 
-async def _link_error(
-    config: LinkConfig, text: str, remedy: str, reason: str = ""
-) -> CheckFailedError:
+async def _link_error(config: LinkConfig, text: str, remedy: str, reason: str) -> CheckFailedError:
     """Return the error for a link that did not open. It tells what answers HTTP at this address.
 
     A chassis also answers HTTP on this port. If one does, no other program uses the port, but a
@@ -377,8 +376,7 @@ async def _link_error(
     Args:
         text: what is wrong if no chassis answers HTTP either.
         remedy: what to do about it then.
-        reason: why the link did not open, for the error if a chassis answers HTTP; by default
-            `text`.
+        reason: why the link did not open, for the error if a chassis answers HTTP.
     """
     is_http = config.transport == "websocket"
     answer = await ask_over_http(config, RobotInfo(), config.connect_timeout) if is_http else None
@@ -392,7 +390,7 @@ async def _link_error(
     number = info.robot_id or info.genral.serial_number
     return CheckFailedError(
         f"robot {number} answers HTTP requests at this address, but its WebSocket cannot be "
-        f"opened: {reason or text}",
+        f"opened: {reason}",
         "a proxy or firewall between this computer and the robot lets only HTTP pass: let it pass "
         "the headers Upgrade and Connection too, or connect without it",
     )

@@ -104,12 +104,12 @@ def _model(seen: Observations) -> _Found:
     """Yield names, sizes and outline of the robot's model, from the last General and Model."""
     general, count = seen.latest(robot.General)
     if general:
-        texts = {"display_model": general.display_model, "urdf_name": general.urdf_name}
-        sizes = {each.name: value for each, value in general.model_data.ListFields()}
-        for name, value in (*texts.items(), *sizes.items()):
-            if value and (isinstance(value, str) or value <= _MAX_SIZE):
-                clean = printable(value) if isinstance(value, str) else value
-                yield ("model", name), Learned(clean, count)
+        for name in ("display_model", "urdf_name"):
+            if text := getattr(general, name):
+                yield ("model", name), Learned(printable(text), count)
+        for each, size in general.model_data.ListFields():
+            if size <= _MAX_SIZE:
+                yield ("model", each.name), Learned(size, count)
     model, count = seen.latest(robot.Model)
     if model and len(model.model) > 2:
         corners = [[round(each.x, 3), round(each.y, 3)] for each in model.model]
@@ -194,7 +194,7 @@ def _answers(seen: Observations) -> _Found:
     times = {name: _distribution(found) for name, found in sorted(delays.items())}
     own_times = reference()["answers"]["requests"]
     usual = [each for name, each in times.items() if name not in own_times]
-    if usual:  # each type counts alike, so that one that is slow or frequent changes little
+    if usual:  # each type counts once, so that a slow or a frequent type changes little
         medians = [
             quantile(column, 0.5) for column in zip(*(each.value for each in usual), strict=True)
         ]

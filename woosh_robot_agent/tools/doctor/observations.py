@@ -65,7 +65,6 @@ class AnsweredRequest(NamedTuple):
     """
 
     t: float
-    sn: int
     request: str
     request_body: Message | None
     delay: float
@@ -163,18 +162,15 @@ class Observations:
         for frame in frames:
             self.add(frame)
 
-    def add(self, frame: SeenFrame) -> AnsweredRequest | None:
-        """Add a frame; return the answered request if the frame answers one, otherwise None."""
+    def add(self, frame: SeenFrame) -> None:
+        """Add a frame."""
         self.frames += frame.by_robot
         try:
             envelope = server_codec(frame.data).decode(frame.data)
         except FrameError as error:
             self.unreadable[f"a frame: {error.kind}"] += 1
-            return None
-        if frame.by_robot:
-            return self._add_from_robot(frame, envelope)
-        self._add_from_client(frame, envelope)
-        return None
+        else:
+            (self._add_from_robot if frame.by_robot else self._add_from_client)(frame, envelope)
 
     def latest(self, cls: type[_M]) -> tuple[_M | None, int]:
         """Return the last message of a class, or None, and the number of messages of the class."""
@@ -210,15 +206,15 @@ class Observations:
             request = frame.t, envelope.type, self._body(frame, envelope)
             self._pending[frame.connection, envelope.sn] = request
 
-    def _add_from_robot(self, frame: SeenFrame, envelope: Envelope) -> AnsweredRequest | None:
-        """Add a push or an answer; return the answered request, None if there is none."""
+    def _add_from_robot(self, frame: SeenFrame, envelope: Envelope) -> None:
+        """Add a push or an answer."""
         if envelope.timestamp:
             self.offsets.append(envelope.timestamp / 1000 - frame.t)
         pending = self._pending.pop((frame.connection, envelope.sn), None) if envelope.sn else None
         if pending and not envelope.type:  # an answer may leave out its type
             envelope.type = pending[1]
         refused = envelope.sn != 0 and envelope.ok is False
-        # a refusal without a body has no values, not default values
+        # a refusal without a body tells nothing, not that all values are the default ones
         body = None if refused and not envelope.body else self._body(frame, envelope)
         if body is not None:
             self._add_body(frame, body, pushed=not envelope.sn)
@@ -230,7 +226,6 @@ class Observations:
             sent_at, request, request_body = pending
             answer = AnsweredRequest(
                 frame.t,
-                envelope.sn,
                 request,
                 request_body,
                 frame.t - sent_at,
@@ -241,8 +236,6 @@ class Observations:
                 size,
             )
             self.answers.append(answer)
-            return answer
-        return None
 
     def _body(self, frame: SeenFrame, envelope: Envelope) -> Message | None:
         """Return the body of a frame, and note types and fields that the schema lacks.
@@ -334,7 +327,7 @@ def _names(message: Any) -> Iterator[str]:
         elif each.name in _ID_FIELDS:
             yield from map(str, items)
         elif each.type == FieldDescriptor.TYPE_STRING and each.name not in _HARMLESS_FIELDS:
-            # a single character would be redacted everywhere in other texts
+            # not a single character, which would be redacted wherever it occurs
             yield from (item for item in items if len(item) > 1)
         elif each.type == FieldDescriptor.TYPE_BYTES:  # e.g. the list of networks, as JSON
             yield from (text for item in items for text in _texts_in_json(item))

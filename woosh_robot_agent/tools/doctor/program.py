@@ -120,7 +120,7 @@ async def _examine_and_print(config: LinkConfig, *, quiet: bool) -> list[Result]
         results.append(result)
         if not quiet and result.text != NOT_REACHED:
             print(_line(result), flush=True)
-    # one line for all of them, at the end
+    # these share one line, the last one
     not_reached = [result.check for result in results if result.text == NOT_REACHED]
     results.append(replace(await check_subscribers(), check="subscribers"))
     if not quiet:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import time
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -16,28 +19,32 @@ from rich.progress import TimeRemainingColumn
 
 from woosh_robot_agent.convert.converter import RequestMaker
 from woosh_robot_agent.endpoints import QUERIES, TOPICS, minimum_timeouts
-from woosh_robot_agent.link import LinkConfig
-from woosh_robot_agent.link.codecs import client_codec
-from woosh_robot_agent.link.frames import SUBSCRIPTION_TYPE, FrameError
+from woosh_robot_agent.link import ConnectionLostError, LinkConfig, LinkError, RequestTimeoutError
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
+from woosh_robot_agent.link.connection import Connection, Sending
+from woosh_robot_agent.link.frames import Envelope
 from woosh_robot_agent.link.protos import full_name, message_type
+from woosh_robot_agent.link.reconnect import open_link
+from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.tasks import cancel_and_wait, run_with_timeout
-from woosh_robot_agent.link.transport import Transport, TransportClosedError, open_transport
+from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.map import map_pack_pb2 as pack
 from woosh_robot_agent.pb.map import mark_pb2
 from woosh_robot_agent.pb.map.storage_edit_pb2 import Find, Storages
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import CountData, PlanNavPath
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, ScannerData, Scene
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
-from woosh_robot_agent.pb.util.common_pb2 import Pose2D
-from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
 from woosh_robot_agent.robot.readiness import is_located
 from woosh_robot_agent.tools.doctor.checks import HttpAnswer, ask_over_http
 from woosh_robot_agent.tools.doctor.learn import SURVEY_FILE
-from woosh_robot_agent.tools.doctor.observations import AnsweredRequest, Observations, SeenFrame
+from woosh_robot_agent.tools.doctor.observations import Observations, SeenFrame
 from woosh_robot_agent.tools.doctor.survey_report import REPORT_FILE, markdown, results
 from woosh_robot_agent.tools.options import ToolError, stop_event
 from woosh_robot_agent.tools.progress import progress_bar
 
+_SILENT = logging.getLogger(f"{__name__}.link")
+"""Logger of the link. It is off, because the report says what the link would warn of."""
+_SILENT.disabled = True
 _EMPTY_REQUESTS = tuple(
     name
     for name in dict.fromkeys(
@@ -62,18 +69,48 @@ _SCAN_POLL_PERIOD = 0.04
 """Time between two requests for a scan, in seconds: a fraction of the time between two scans."""
 _MAX_UNANSWERED = 2
 """Number of unanswered queries of a type after which that type is not sent again."""
+_MAX_SILENCE = 600.0
+"""Time of silence after which the link itself gives up, in seconds: longer than any query takes."""
 _RETRY = 1.0
 """Time until a lost connection is opened again, in seconds."""
 _NEEDED_SPACE = 1 << 20
 """Space for the results that must be free before a survey begins, in bytes."""
-_CONNECTION_NUMBER = 1
-"""Connection number in all frames. A reconnect keeps it, because it repeats no serial number."""
 
 
-class _Survey:
-    """A running survey.
+class _ObservedCodec(JsonCodec):
+    """The JSON of a client; adds each frame that is sent or received to the observations."""
+
+    def __init__(self, seen: Observations) -> None:
+        super().__init__()
+        self._seen = seen
+        self._loop = asyncio.get_running_loop()
+        self._clock_offset = time.time() - time.monotonic()
+        """Unix time at zero of the monotonic clock, in seconds."""
+
+    def encode(self, type_name: str, body: Message | None, **fields: Any) -> str:
+        data = super().encode(type_name, body, **fields)
+        self._add(data, by_robot=False)
+        return data
+
+    def decode(self, data: str | bytes) -> Envelope:
+        # the transport may pass on text as UTF-8, but `Observations` takes bytes for protobuf
+        text = data if isinstance(data, str) else data.decode(errors="replace")
+        self._add(text, by_robot=True)
+        return super().decode(data)
+
+    def _add(self, text: str, *, by_robot: bool) -> None:
+        t = self._clock_offset + time.monotonic()  # by a clock that is never set
+        # one connection number for all, so that the pushes after a reconnect count, too
+        frame = SeenFrame(t, 1, by_robot, text)
+        # in the event loop, because the link decodes large frames in another thread
+        self._loop.call_soon_threadsafe(self._seen.add, frame)
+
+
+class _Surveyor:
+    """Queries a robot, and observes what it sends.
 
     Attributes:
+        seen: what was observed so far.
         http: answers over HTTP, by query; None for a query that was not answered.
         lost: number of connections that were lost.
     """
@@ -82,102 +119,57 @@ class _Survey:
         self.seen = Observations()
         self.http: dict[str, HttpAnswer | None] = {}
         self.lost = 0
-        self._config = config
+        # a robot may be silent while it prepares a large answer; `_ask` notices if it hangs
+        self._config = replace(config, liveness_timeout=_MAX_SILENCE)
         self._transport: Transport
-        """The open connection; set by `run`."""
-        self._clock_offset = time.time() - time.monotonic()
-        """Unix time at zero of the monotonic clock, in seconds."""
-        self._codec = client_codec(config)
+        """The open connection; set by `run`, as is the next one."""
+        self._connection: Connection
         self._make = RequestMaker(config.robot_id)
-        self._sn = 0
-        self._waiting: dict[int, asyncio.Future[AnsweredRequest]] = {}
-        """Requests in flight, by serial number."""
         self._rounds = 0
         """Number of completed rounds of requests."""
-        self._unanswered: dict[str, int] = {}
+        self._unanswered: Counter[str] = Counter()
         """Number of requests since the last answer, by type."""
-        self._scene = ""
-        """Name of the current scene, for requests of its data; empty until it is known."""
-        self._mark = mark_pb2.Storages.Base()
-        """One of the robot's marks, for the requests Find and PlanNavPath; empty without one."""
-        self._pose: Pose2D | None = None
-        """Pose of the robot; None if it is not known or not located."""
 
     async def run(self) -> None:
         """Observe the robot until the task is cancelled; reconnect when the connection is lost."""
+        codec, record = _ObservedCodec(self.seen), LinkRecord(_SILENT)
         while True:
             try:
-                self._transport = await open_transport(self._config)
-            except (OSError, TransportClosedError):
+                self._transport = await open_link(self._config)
+            except LinkError:
                 pass
             else:
+                # pushes need no consumer: the codec has added them to the observations
+                self._connection = Connection(
+                    self._transport, codec, self._config, record, lambda *_: None
+                )
                 try:
-                    await self._observe()
-                except TransportClosedError:
+                    await self._ask_all()
+                except LinkError:
                     self.lost += 1
                 finally:
-                    await self._transport.close(self._config.close_timeout)
+                    await self._connection.close(ConnectionLostError("the survey has closed it"))
             await asyncio.sleep(_RETRY)
-
-    async def _observe(self) -> None:
-        """Send queries and read frames until the connection is lost.
-
-        Raises:
-            TransportClosedError: the connection is lost.
-        """
-        reading = asyncio.ensure_future(self._read())
-        asking = asyncio.ensure_future(self._ask_all())
-        try:
-            await asyncio.wait({reading, asking}, return_when=asyncio.FIRST_COMPLETED)
-            for each in (reading, asking):
-                if each.done():
-                    each.result()  # raise its exception
-        finally:
-            self._waiting.clear()
-            await cancel_and_wait(reading, asking)
-
-    async def _read(self) -> None:
-        """Add the frames of the robot, and hand each answer to the request that waits for it.
-
-        Raises:
-            TransportClosedError: the connection has ended.
-        """
-        while True:
-            try:
-                data = await self._transport.recv()
-            except FrameError as error:
-                self.seen.unreadable[f"a frame: {error.kind}"] += 1
-                continue
-            # the survey uses JSON, but `Observations` takes bytes for protobuf
-            text = data if isinstance(data, str) else data.decode(errors="replace")
-            answer = self.seen.add(SeenFrame(self._now(), _CONNECTION_NUMBER, True, text))
-            waiting = self._waiting.pop(answer.sn, None) if answer else None
-            if answer and waiting and not waiting.done():
-                waiting.set_result(answer)
 
     async def _ask_all(self) -> None:
         """Subscribe to everything, then send the queries in rounds until cancelled.
 
         Raises:
-            TransportClosedError: the connection is lost, or the robot does not answer a ping.
+            LinkError: the connection is lost.
         """
         # also to types that robots are only known to send as answers
-        subscription = Subscription(sub=True, topics=_EMPTY_REQUESTS)
-        await self._send(SUBSCRIPTION_TYPE, subscription, 0)
+        self._connection.subscribe(list(_EMPTY_REQUESTS), on=True)
         while True:
             for request, timeout in self._requests():
-                if self._unanswered.get(full_name(request), 0) < _MAX_UNANSWERED:
+                if self._unanswered[full_name(request)] < _MAX_UNANSWERED:
                     await self._ask(request, timeout)
                     await asyncio.sleep(_PAUSE)
             self._rounds += 1
             if self._rounds == 1:
                 await self._ask_over_http()
-            # to learn the time between two scans, if the robot has shown that it makes any
-            for _ in range(_SCAN_POLLS if self.seen.scans else 0):
-                # without waiting for the answers, which may be late
-                self._sn += 1
-                await self._send(full_name(ScannerData), self._make.empty(ScannerData), self._sn)
-                await asyncio.sleep(_SCAN_POLL_PERIOD)
+            if self.seen.scans:  # to learn the time between two scans
+                delays = [number * _SCAN_POLL_PERIOD for number in range(_SCAN_POLLS)]
+                await asyncio.gather(*map(self._poll_scan, delays))
             await asyncio.sleep(_PAUSE)
 
     def _requests(self) -> Iterator[tuple[Message, float]]:
@@ -185,9 +177,10 @@ class _Survey:
         timeout, slow = self._config.request_timeout, minimum_timeouts()
         for name in _EMPTY_REQUESTS:
             yield self._make.empty(message_type(name)), max(timeout, slow.get(name, 0.0))
-        yield self._make.address(Find(no=self._mark.identity.no)), timeout
+        mark = self._mark()
+        yield self._make.address(Find(no=mark.identity.no)), timeout
         if self._rounds < _LARGE_ROUNDS:
-            scene = self._scene
+            scene = (self.seen.latest(Scene)[0] or Scene()).scene_name
             large: list[Message] = [
                 CountData(req_type=CountData.kGet),
                 pack.SceneDataEasy(name=scene),
@@ -196,65 +189,50 @@ class _Survey:
                 pack.SceneSync(),
                 pack.Download(scene_name=scene),
             ]
-            if self._pose and self._mark.HasField("pose"):
-                pose = self._mark.pose
+            info, _ = self.seen.latest(RobotInfo)
+            if info and is_located(info) and mark.HasField("pose"):
                 # where a robot stands at the mark, or else the pose of the mark itself
-                end = pose.dock if pose.HasField("dock") else pose.real
-                large.append(PlanNavPath(start=self._pose, end=end))
+                end = mark.pose.dock if mark.pose.HasField("dock") else mark.pose.real
+                large.append(PlanNavPath(start=info.pose_speed.pose, end=end))
             for each in large:
                 yield self._make.address(each), max(timeout, slow.get(full_name(each), 0.0))
 
+    def _mark(self) -> mark_pb2.Storages.Base:
+        """Return one of the robot's marks; an empty one if none is known."""
+        storages, _ = self.seen.latest(mark_pb2.Storages)
+        lists = storages.ListFields() if storages else []  # one for each type of mark
+        return next((mark for _, found in lists for mark in found), mark_pb2.Storages.Base())
+
     async def _ask(self, request: Message, timeout: float) -> None:
-        """Send a request, wait for its answer, and keep what later requests need of it.
+        """Send a request, and wait for its answer; without one, ping the robot.
 
         Raises:
-            TransportClosedError: the link is lost, or the robot answers neither this nor a ping.
+            LinkError: the connection is lost, or the robot answers neither the request nor the
+                ping.
         """
-        self._sn += 1
-        waiting: asyncio.Future[AnsweredRequest] = asyncio.get_running_loop().create_future()
-        self._waiting[self._sn] = waiting
         name = full_name(request)
-        # in advance, because perhaps this type makes the robot end the link
-        self._unanswered[name] = self._unanswered.get(name, 0) + 1
-        await self._send(name, request, self._sn)
         try:
-            answer = await run_with_timeout(timeout, waiting)
-        except TimeoutError:
-            self._waiting.pop(self._sn, None)
-            await self._check_link()
-            return
-        self._unanswered[name] = 0
-        if isinstance(answer.body, RobotInfo):
-            self._scene = answer.body.scene.scene_name
-            located = is_located(answer.body)
-            self._pose = answer.body.pose_speed.pose if located else None
-        elif isinstance(answer.body, Scene):
-            self._scene = answer.body.scene_name
-        elif isinstance(answer.body, mark_pb2.Storages):
-            lists = (found for _, found in answer.body.ListFields())  # one for each type of mark
-            marks = (mark for found in lists for mark in found)
-            self._mark = next(marks, mark_pb2.Storages.Base())
+            await self._connection.request(request, Sending(timeout))
+        except RequestTimeoutError:
+            self._unanswered[name] += 1
+            await self._ping()
+        except ConnectionLostError:  # perhaps because this type makes the robot end the link
+            self._unanswered[name] += 1
+            raise
+        else:
+            self._unanswered[name] = 0
 
-    async def _check_link(self) -> None:
-        """Ping the robot.
-
-        Raises:
-            TransportClosedError: the robot does not answer.
-        """
+    async def _ping(self) -> None:
         try:
             await run_with_timeout(self._config.request_timeout, self._transport.ping())
-        except TimeoutError:
-            raise TransportClosedError("a ping is not answered") from None
+        except (TimeoutError, TransportClosedError):
+            raise ConnectionLostError("a ping is not answered") from None
 
-    async def _send(self, name: str, body: Message, sn: int) -> None:
-        now = self._now()
-        data = self._codec.encode(name, body, sn=sn, timestamp=round(now * 1000))
-        self.seen.add(SeenFrame(now, _CONNECTION_NUMBER, False, data))
-        await self._transport.send(data)
-
-    def _now(self) -> float:
-        """Return the Unix time in seconds, by a clock that is never set."""
-        return self._clock_offset + time.monotonic()
+    async def _poll_scan(self, delay: float) -> None:
+        """Request a scan after a delay, in seconds, even if earlier requests wait for answers."""
+        await asyncio.sleep(delay)
+        with suppress(RequestTimeoutError):
+            await self._connection.request(self._make.empty(ScannerData), Sending())
 
     async def _ask_over_http(self) -> None:
         """Send each query over HTTP; stop after two if neither of them is answered."""
@@ -308,13 +286,13 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
         with TemporaryFile(dir=folder) as file:
             file.write(bytes(_NEEDED_SPACE))
     stop = stop_event()
-    running_survey = _Survey(config)
+    surveyor = _Surveyor(config)
+    seen = surveyor.seen
     began = time.monotonic()
-    running = asyncio.ensure_future(running_survey.run())
+    running = asyncio.ensure_future(surveyor.run())
     stopping = asyncio.ensure_future(stop.wait())
 
     def progress() -> dict[str, Any]:
-        seen = running_survey.seen
         text = f"answers {len(seen.answers)}, pushes {len(seen.pushes)}"
         return {"completed": time.monotonic() - began, "description": text}
 
@@ -326,24 +304,24 @@ async def survey(config: LinkConfig, folder: Path, *, minutes: float, with_names
     if running.done():
         running.result()  # raise its exception
     await cancel_and_wait(running, stopping)
-    if not running_survey.seen.frames:
+    if not seen.frames:
         raise ToolError("the robot has sent nothing, so nothing is written: see the checks")
     found = results(
-        running_survey.seen,
-        http=running_survey.http,
+        seen,
+        http=surveyor.http,
         seconds=seconds,
         complete=complete,
-        lost=running_survey.lost,
+        lost=surveyor.lost,
         address=config.address,
         with_names=with_names,
     )
     with _writing(folder):
         text = json.dumps(found, indent=1, ensure_ascii=False)
         for name, content in ((SURVEY_FILE, f"{text}\n"), (REPORT_FILE, markdown(found))):
-            # half a surrogate pair, as a robot may send it, is no UTF-8, but an escape in JSON
+            # a robot may send half a surrogate pair: it has no UTF-8, but an escape that JSON reads
             (folder / name).write_text(content, encoding="utf-8", errors="backslashreplace")
     early = "" if complete else ", stopped early"
     return (
-        f"surveyed for {seconds:.0f} s{early}: {len(running_survey.seen.answers)} answers, "
-        f"{len(running_survey.seen.pushes)} pushes; read {folder / REPORT_FILE}"
+        f"surveyed for {seconds:.0f} s{early}: {len(seen.answers)} answers, "
+        f"{len(seen.pushes)} pushes; read {folder / REPORT_FILE}"
     )

@@ -62,6 +62,13 @@ def _name(text: str) -> str:
     return text
 
 
+def _new_name(text: str) -> str:
+    """Return a new name; also refuse a path, because robots name folders after scenes and maps."""
+    if "/" in text or text in (".", ".."):
+        raise argparse.ArgumentTypeError(f"a name must not be a path: {text}")
+    return _name(text)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = tool_parser(
         "maps", "Back up the maps and marks of a robot, and bring them to a robot.", _EPILOG
@@ -91,12 +98,12 @@ def _parser() -> argparse.ArgumentParser:
     upload.add_argument(
         "folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a saved scene"
     )
-    upload.add_argument("--scene", type=_name, help="name of the scene on the robot")
+    upload.add_argument("--scene", type=_new_name, help="name of the scene on the robot")
     upload.add_argument("--force", action="store_true", help="replace scenes that the robot has")
 
     rename = subparsers.add_parser("rename", help="rename a scene, or with --map one of its maps")
     rename.add_argument("scene", metavar="SCENE")
-    rename.add_argument("new_name", type=_name, metavar="NEW_NAME")
+    rename.add_argument("new_name", type=_new_name, metavar="NEW_NAME")
     rename.add_argument("--map", type=_name, help="map of the scene to rename")
 
     delete = subparsers.add_parser("delete", help="delete a scene, or with --map one of its maps")

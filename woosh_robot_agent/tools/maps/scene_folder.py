@@ -140,15 +140,15 @@ def _storages(name: str, entries: Iterable[Any], old: Iterable[Storage]) -> list
         # `str`, because the number in a file may be anything
         known = old_by_number.get(str(entry.get("number")), []) if isinstance(entry, dict) else []
         before = next((each for each in known if _entry(each) == entry), None)
-        if before is None:
-            storage = _storage(structure(_MarkEntry, entry, where))
+        if before is None:  # edited or new
+            storage, forbidden = _storage(structure(_MarkEntry, entry, where)), taken
             changed.append(storage)
         else:
-            storage = before
+            storage, forbidden = before, taken_by_changed
             known.remove(before)  # a copy of the entry is a new mark
         number, id_ = storage.identity.no, storage.identity.id
         own = {number, id_ or number}  # 0 is no id
-        if own & (taken if before is None else taken_by_changed):
+        if own & forbidden:
             raise DataFileError(f"{where}: number {number} or id {id_} is used twice")
         taken |= own
         if before is None:

@@ -43,7 +43,7 @@ class Source(Protocol):
         """Return the current state of the link."""
 
     def is_complete(self) -> bool:
-        """Return True once the robot's whole state has come, and `link` waits for no message."""
+        """Return True once the robot's whole state has come, and all that `link` reports on."""
 
     async def start(self) -> None:
         """Start receiving."""

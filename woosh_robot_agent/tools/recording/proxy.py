@@ -208,6 +208,8 @@ class RecordingProxy:
             await asyncio.wait(directions, return_when=asyncio.FIRST_COMPLETED)
             await asyncio.wait(directions, timeout=_LINGER_TIMEOUT)
         finally:
+            if not all(each.done() for each in directions):
+                drop_unsent_at_end(chassis_writer.transport)  # a command must not arrive much later
             await cancel_and_wait(*directions)
         for direction in directions:
             if not direction.cancelled() and (bug := direction.exception()):

@@ -56,7 +56,7 @@ def transcode(frame: str | bytes, codec: Codec, sn: int | None = None) -> str | 
 def _reencode(frame: str | bytes, recorded: Codec, codec: Codec, sn: int | None) -> str | bytes:
     """Convert a frame from the encoding `recorded` to that of the receiver, `codec`.
 
-    A frame that cannot be read is returned as it is. One of an unknown type loses its body.
+    A frame that cannot be read is returned as it is. A frame of an unknown type loses its body.
     """
     try:
         envelope = recorded.decode(frame)
@@ -128,7 +128,7 @@ class ReplayedChassis:
         self._listeners: list[Listener] = []
         self._clients: dict[ConnectedClient, Codec] = {}
         """The clients, each with the encoding of its last frame; JSON before the first."""
-        self._commands: Counter[str] = Counter()
+        self._requests: Counter[str] = Counter()
         """Number of requests received in this round, by type."""
         self._log = LogOnce(_LOG)
         self._changed = asyncio.Event()
@@ -186,7 +186,7 @@ class ReplayedChassis:
         while True:
             await self._listen()  # the recording may have ended while the ports were closed
             recorded: Counter[str] = Counter()  # commands so far, by type
-            self._commands.clear()
+            self._requests.clear()
             self._playback.answers.rewind()
             await self._wait_for_client(subscribed=False)
             for step in self._playback.steps:
@@ -224,14 +224,14 @@ class ReplayedChassis:
 
     async def _wait_for_command(self, step: Step, count: int) -> None:
         """Pause until clients have sent `count` commands of the type of `step` in this round."""
-        if self._commands[step.type] < count:
+        if self._requests[step.type] < count:
             _LOG.info(
                 "%.3f s: paused until a client sends %s; recorded: %.500s",
                 step.t,
                 step.type,
                 step.frame,
             )
-        while self._commands[step.type] < count:
+        while self._requests[step.type] < count:
             await self._wait_for_change()
         self._resume_at(step)
 
@@ -329,7 +329,7 @@ class ReplayedChassis:
             # a type that was subscribed before keeps the encoding of its own subscription
             client.topics = {name: client.topics.get(name, codec) for name in topics}
         elif envelope.sn:
-            self._commands[envelope.type] += 1
+            self._requests[envelope.type] += 1
             self._answer(client, codec, envelope, data)
         self._changed.set()
 

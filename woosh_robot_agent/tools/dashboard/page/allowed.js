@@ -35,7 +35,7 @@ export function refusal(name) {
   const owner = store.control.value?.owner;
   if (store.problem.value) return text(store.problem.value);
   if (OF_SIMULATOR.includes(name)) return null;
-  if (link?.state === "failed" && INTERRUPTS.includes(name)) return null; // the rest may be old
+  if (link?.state === "failed" && INTERRUPTS.includes(name)) return null; // the facts below may be outdated
   if (!link || link.state !== "connected") return text(`link.${link?.state ?? "connecting"}`);
   if (link.silence && !INTERRUPTS.includes(name))
     return text("link.noData", { seconds: link.silence });

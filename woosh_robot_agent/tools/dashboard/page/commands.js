@@ -149,12 +149,12 @@ effect(() => {
   const [former, alarms, answer] = [formerAlarms, store.alarms.value, store.answer.peek()];
   formerAlarms = alarms;
   if (!answer || !former.has(answer.robot) || alarms.has(answer.robot)) return;
-  // an alarm of this page holds the text of the answer itself
+  // the reason of an alarm that this page has raised is the text of the answer
   const saysSo = answer.text.key === "reply.notStopped" || answer.text === former.get(answer.robot);
   if (saysSo) tell(true, { key: "alarm.ended", values: {} }, answer.robot);
 });
 
-// This also replaces the answer that says the limit was accepted.
+// Tell that a speed limit has ended. This replaces the answer that says it was accepted.
 effect(() => {
   const limit = store.endedLimit.value;
   if (limit) tell(false, { key: "notice.limitEnded", values: { limit } });

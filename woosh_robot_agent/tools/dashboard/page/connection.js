@@ -151,7 +151,7 @@ export class Connection {
    * @param {boolean} dismissed true if the dashboard has too many viewers; then do not connect again
    */
   lost(dismissed) {
-    clearTimeout(this.retry); // a stop reconnects before it is due
+    clearTimeout(this.retry); // `stop` may reconnect before it is due
     this.isReady = false;
     if (dismissed) this.setProblem("link.dismissed");
     else this.findProblem();

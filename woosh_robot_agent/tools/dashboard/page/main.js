@@ -44,7 +44,7 @@ store.mayControl.subscribe((may) => {
 
 // If the focused control disappears or is disabled, what contained it gets the focus.
 let focusPath = /** @type {EventTarget[]} */ ([]); // the focused control, and all that contains it
-addEventListener("pointerdown", () => (focusPath = []), { capture: true }); // may focus nothing
+addEventListener("pointerdown", () => (focusPath = []), { capture: true }); // a press may focus nothing
 addEventListener("focusin", (event) => (focusPath = event.composedPath()));
 new MutationObserver(() => {
   const [focused, ...containers] = /** @type {HTMLElement[]} */ (focusPath);

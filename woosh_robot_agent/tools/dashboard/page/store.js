@@ -146,7 +146,7 @@ export const TASK_COMMANDS = ["go", "goMark", "charge"];
 const SLOW = 1 / 3; // share of the limits to which a slow stick drives
 /** Objections of a robot that does not know where it is. */
 export const LOST = ["lost", "not_initialised"];
-const AHEAD = 1; // metres of a path beyond the former place on it in which the robot is searched first
+const AHEAD = 1; // metres of the path, from where the robot was on it, on which it is searched first
 const BESIDE = 0.5; // metres beside the path beyond which the robot is searched on the whole path
 const AT_GOAL = 2; // metres that the path may end before a goal at which the robot docks
 const DEAD_ZONE = 0.12; // fraction of the stick's radius within which it does not drive

@@ -276,18 +276,18 @@ function Running() {
   const entry = store.running.value; // knows where the task goes
   const target = store.target.value;
   const hindrance = task.state === "paused" ? refusal("continue") : null;
-  const notContinued = hindrance ? say(hindrance) : "";
+  const whyNotContinued = hindrance ? say(hindrance) : "";
   const reason = target && refusal(target.command);
-  const notSent = reason ? say(reason) : "";
-  // the notice says the reason; where it is in no notice, the robot's own text may say the same
+  const whyNotSent = reason ? say(reason) : "";
+  // only the remedy if a notice says the reason; not the robot's text, too, which may say the same
   const remedy = hindrance?.objection && !target ? remedyOf(hindrance.objection) : "";
-  const told = remedy || notContinued || task.text;
+  const told = remedy || whyNotContinued || task.text;
   const text = [taskState(task), told && ` · ${told}`];
-  const keeps = !notContinued && !target && t("dock.keeps");
+  const keeps = !whyNotContinued && !target && t("dock.keeps");
   const more = [
     limitText(),
     ...(target ? targetTexts(target) : []),
-    notSent !== notContinued && notSent, // one reason is shown once
+    whyNotSent !== whyNotContinued && whyNotSent, // one reason is shown once
   ];
   return html`<${Now}
       title=${entry ? goalText(entry) : shownState().title}

@@ -129,9 +129,9 @@ export function TaskOptions({ target, command }) {
     kinds.push({ value: kind, name: `${taskType(type)}: ${number}` });
   }
   const go = async () => {
-    // of a direction that was chosen before another kind of task, nothing is seen any more
-    const chosen = type === "carry" ? direction : "unknown";
-    const args = { type, number: Number(number), direction: chosen };
+    // for other kinds of tasks, a direction that was chosen before is no longer shown
+    const shownDirection = type === "carry" ? direction : "unknown";
+    const args = { type, number: Number(number), direction: shownDirection };
     const place = target.mark ? { mark: target.mark } : target.pose;
     const where = command === "charge" ? {} : { ...place, ...store.shownMap.value };
     const accepted = await commands.run(command, { ...where, ...args });

@@ -88,9 +88,9 @@ export function Panel() {
   const size = isCompact ? store.sheet.value : "half";
   const full = size === "full";
   // the fleet tab tells the state of each link by itself, as long as it is updated
-  const isAlone =
+  const showsOther =
     name === "simulator" || (name === "fleet" && store.link.value?.state !== "failed");
-  const old = store.outdated.value && !isAlone;
+  const old = store.outdated.value && !showsOther;
   return html`<aside
     class="panel ${isCompact ? `over ${size}` : ""}"
     aria-label=${t("panel.name")}

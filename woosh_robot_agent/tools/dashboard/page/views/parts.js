@@ -107,7 +107,7 @@ export function linkText() {
 }
 
 /**
- * Return a text of which a screen reader is not told when only its numbers change, e.g. seconds.
+ * Return a text that a screen reader does not read again when only its numbers change, e.g. seconds.
  * @param {string} text
  */
 export function withQuietNumbers(text) {

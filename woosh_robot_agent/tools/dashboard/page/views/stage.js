@@ -251,9 +251,9 @@ function Notices() {
 }
 
 /**
- * Tell the map which margins the notices cover, or would cover, and on a small screen the panel.
- * There, pad the panel by the height that the notices cover of it; its content stays where it is on
- * the screen.
+ * Tell the map which of its margins are covered: by the notices, or would be by one notice, and on a
+ * small screen by the panel. There, the notices may cover the top of the panel, too: pad it by that
+ * height, and scroll it, so that its content stays where it is on the screen.
  */
 function updateCovered() {
   const canvas = map?.canvas.getBoundingClientRect();
@@ -273,7 +273,7 @@ function updateCovered() {
   const height = notices?.height ? notices.bottom - canvas.top : 0; // in pixels, like `room`
   const room = parseFloat(getComputedStyle(document.documentElement).getPropertyValue("--notice"));
   map?.setInset({
-    // over an open sheet the map is low already
+    // an open sheet leaves little of the map: keep no more free than one notice
     top: below ? Math.min(room, height) : Math.max(room, height),
     right: 0,
     bottom: below ? Math.max(0, canvas.bottom - covered.top) : 0,

@@ -48,13 +48,13 @@ effect(() => {
 });
 
 export function State() {
-  const of = [store.you.value, store.chosen.value];
+  const source = [store.you.value, store.chosen.value]; // the connection and the robot
   useEffect(() => {
     samples.value = [];
-  }, of);
+  }, source);
   useEffect(() => {
     if (!samples.peek().length) loadHistory(); // again with each connection, until it has come
-  }, [...of, store.problem.value]);
+  }, [...source, store.problem.value]);
   const robot = store.robot.value;
   if (!robot?.known)
     return html`<${Problems} />
