@@ -217,7 +217,7 @@ class LatestWins(Generic[T]):
         now = asyncio.get_running_loop().time
         moves = may_move(velocity)
         limit = min(max_age, self._timing().max_age)
-        if moves and (age := now() - published) > limit:  # must not replace a newer one
+        if moves and (age := now() - published) > limit:  # it must not replace a newer one
             old = _OLD(age=f"{age:.2f}", limit=f"{limit:g}")
             raise SupersededError(NOT_SENT(reason=old))
         self.withdraw(_NEWER)
@@ -241,7 +241,7 @@ class LatestWins(Generic[T]):
 
     def withdraw(self, reason: str) -> None:
         """Discard the velocity that is held back; its `request` fails for `reason`."""
-        self._newest += 1  # so that one that was released, and has not gone on yet, is not sent
+        self._newest += 1  # a velocity that was just released is not sent either
         if self._held is not None and not self._held.done():
             self._held.set_exception(SupersededError(NOT_SENT(reason=reason)))
 

@@ -215,8 +215,7 @@ class VelocityDriver:
             angular: turning speed, counter-clockwise, in rad/s.
             published: loop time (monotonic) at which the sender published it; by default now.
         """
-        values = (linear, sideways, angular)
-        moves = any(values)
+        moves = any((linear, sideways, angular))
         self.note_received(moves, published)
         limits = self._limits()
         try:
@@ -227,8 +226,8 @@ class VelocityDriver:
         now = asyncio.get_running_loop().time()
         published = min(published, now)
         if self._waiting is not None and self._owner:
-            # rule 2: the waiting velocity must not be sent any more. Drop it before rule 8 applies
-            # to a zero: the zero would be sent for it, and stop what drives the robot
+            # rule 2. Dropped here, because for a waiting velocity, rule 8 would let a zero be sent,
+            # which would stop what drives the robot
             self._waiting = None
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
@@ -255,13 +254,13 @@ class VelocityDriver:
             self._send_or_wait(now)
 
     def note_number(self, number: int | None) -> None:
-        """Note the number of the velocity that comes now: without gaps, nothing was lost before it.
+        """Note the number of a velocity before it is processed: a gap shows that others were lost.
 
         Args:
             number: the number that its sender gave it, in ascending order; None without numbers.
         """
         number = number or 0
-        if 0 < self._number < number - 1:  # what was lost was no pause
+        if 0 < self._number < number - 1:  # the sender did not pause: messages were lost
             self._received = asyncio.get_running_loop().time()
         self._number = number
 
@@ -275,7 +274,7 @@ class VelocityDriver:
             published: loop time (monotonic) at which the sender published it; by default now.
         """
         now = asyncio.get_running_loop().time()
-        # while this process stood still, it received nothing, even if the sender went on
+        # during a stall, this process received nothing, even if the sender went on
         silent_since, self._received = max(self._received, self._gate.stall_ended), now
         has_paused = min(published, now) - silent_since > self._gate.timing.pause
         if not moves or has_paused:
@@ -333,7 +332,7 @@ class VelocityDriver:
         """Return True if a zero would stop something."""
         if self._gate.driving or self._waiting is not None:
             return True
-        # the gate may hold a velocity back that it still has to send
+        # the gate may hold back a velocity that will be sent later
         return self._driving and bool(self._requests)
 
     def _due(self) -> float:
@@ -401,7 +400,7 @@ class VelocityDriver:
         """Forget the velocities when the link is lost."""
         if state is not LinkState.READY:
             self._waiting = None
-            # the gate knows of a velocity of another source
+            # `_gate.driving` is also True because of velocities that do not come from this stream
             self._needs_zero = self._needs_zero or self._driving or self._gate.driving
             self._driving = False
 
