@@ -112,8 +112,8 @@ class Liveness:
     Signs of life are valid frames. Bytes of unfinished frames in either direction count, too: a map
     of several MiB may take longer than the timeout.
 
-    Silence is measured by a clock of its own, which stands still while this program is busy: what
-    arrives meanwhile is still unread. The program was busy if a wait ends later than it should.
+    Time in which this program is busy does not count as silence, because what arrives meanwhile is
+    still unread. The program was busy if a wait ends later than it should.
 
     Args:
         timeout: time without a sign of life after which the link counts as lost, in seconds.
@@ -134,15 +134,13 @@ class Liveness:
         self._probe = probe
         self._sent = sent
         self._loop_time = asyncio.get_running_loop().time
-        self._stops_at = self._loop_time()
-        """Time at which the clock stops until the next wait: the planned end of the current wait,
-        and a margin."""
-        self._stood_still = 0.0
-        """Total time for which the clock stood still, in seconds."""
-        self._alive_at = self._now()
-        """Time of the last sign of life."""
-        self._accepted_at = self._now()
-        """Time at which the other end last accepted bytes, or no bytes were waiting."""
+        self._wait_ends = self._loop_time()
+        """Latest time at which the current wait should end; the time after it is not counted."""
+        self._alive_at = self._loop_time()
+        """Time of the last sign of life, plus the time since then that is not counted."""
+        self._accepted_at = self._loop_time()
+        """Time at which the other end last accepted bytes, or no bytes were waiting, plus the time
+        since then that is not counted."""
         self._sent_before = sent()
         """Number of frames sent, at the last check."""
         self._backlog_before = 0
@@ -150,7 +148,7 @@ class Liveness:
 
     def note_alive(self) -> None:
         """Note a sign of life."""
-        self._alive_at = self._now()
+        self._alive_at = self._loop_time()
 
     async def watch(self) -> None:
         """Watch the connection for as long as the other end is alive; probe it while it is silent.
@@ -177,15 +175,9 @@ class Liveness:
             finally:
                 await cancel_and_wait(probe)
 
-    def _now(self) -> float:
-        """Return the time of the clock that measures silence, in seconds."""
-        return min(self._loop_time() - self._stood_still, self._stops_at)
-
     async def _spend(self, seconds: float, wait: Awaitable[object]) -> None:
-        """Await something that is meant to take `seconds`; a longer delay does not count."""
-        now = self._now()
-        self._stood_still = self._loop_time() - now  # the clock goes on from where it stood still
-        self._stops_at = now + seconds + self._timeout * _STEP_SHARE
+        """Await something that should take at most `seconds`."""
+        self._wait_ends = self._loop_time() + seconds + self._timeout * _STEP_SHARE
         await wait
 
     async def _probe_once(self) -> None:
@@ -199,9 +191,11 @@ class Liveness:
         Raises:
             ConnectionLostError: the other end has stopped reading.
         """
-        now = self._now()
-        progress_at = min(self._transport.progress_at - self._stood_still, now)  # by this clock
-        self._alive_at = max(self._alive_at, progress_at)
+        now = self._loop_time()
+        busy = max(0.0, now - self._wait_ends)
+        self._wait_ends = now
+        self._alive_at = min(now, max(self._alive_at + busy, self._transport.progress_at))
+        self._accepted_at += busy
         sent, backlog = self._sent(), self._transport.backlog()
         has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before
         self._sent_before, self._backlog_before = sent, backlog

@@ -165,8 +165,8 @@ _MAX_DELAY = 20.0
 """Maximum time that a command is expected to be on its way, in seconds. One that seems to be older
 comes from a computer whose clock differs."""
 _LONGEST_LOSS = 30.0
-"""Maximum time from a stop to the return of a lost link at which what has begun is cancelled, in
-seconds. Later, somebody else may have started it."""
+"""Maximum time from a stop to the return of a lost link, in seconds, after which what has begun
+meanwhile is cancelled. After a longer time, somebody else may have started it."""
 _BEFORE_STOP = Sentence(
     "it was sent before the last stop of the robot: send it again, and if this repeats, "
     "synchronise the clocks of the two computers"
@@ -260,7 +260,7 @@ class MotionGate:
         self._on_late_stop = on_late_stop
         self.wheel_owner = WheelOwner(chassis, self._start_reported)
         self.timing = MotionTiming()
-        self._velocities = LatestWins[Answer](lambda: self.timing)
+        self._velocities = LatestWins(lambda: self.timing)
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
         self._unanswered_at_start: Twist | None = None

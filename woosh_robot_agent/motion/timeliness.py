@@ -7,9 +7,9 @@ import math
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any
 
-from woosh_robot_agent.link import SupersededError
+from woosh_robot_agent.link import Answer, SupersededError
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
@@ -165,8 +165,6 @@ class StallWatch:
         self._timer = loop.call_at((now // _PERIOD + 1) * _PERIOD, self._beat, loop)
 
 
-T = TypeVar("T")
-
 _NEWER = Sentence("replaced by a newer velocity command")()
 _OLD = Sentence("it is {age} s old, and {limit} s are allowed")
 _UNANSWERED = Sentence(
@@ -175,7 +173,7 @@ _UNANSWERED = Sentence(
 )()
 
 
-class LatestWins(Generic[T]):
+class LatestWins:
     """Sends velocities at once while the chassis answers, and holds only the newest otherwise.
 
     A zero is never held back, and no older velocity overtakes it.
@@ -196,10 +194,10 @@ class LatestWins(Generic[T]):
     async def request(
         self,
         velocity: Twist,
-        send: Callable[[float], Awaitable[T]],
+        send: Callable[[float], Awaitable[Answer]],
         published: float,
         max_age: float = math.inf,
-    ) -> T:
+    ) -> Answer:
         """Send a velocity and wait for its answer.
 
         Args:

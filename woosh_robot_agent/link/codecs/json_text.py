@@ -30,7 +30,7 @@ _REPLACED = re.compile(rf"{_TOKEN}(\d+)")
 LONG_MESSAGE = _LONG // 4 * 3
 """Size of the smallest message that can have a long text, in bytes."""
 _SAMPLE = re.compile(r"[A-Za-z0-9+/_-]{64}")
-"""Start of a text that is cut out."""
+"""Start of a base64 text that is long enough to be cut out."""
 
 
 def read_base64(text: str) -> bytes:
