@@ -491,20 +491,10 @@ class MotionGate:
             LinkError: no answer arrived; `ChassisClient.request` lists the classes.
         """
         self._chassis.check_permitted(message)  # first: what is not sent must not count as driving
-        moves = may_move(message)
-        if moves and (reason := self.refusal(sender.published)):
+        if may_move(message) and (reason := self.refusal(sender.published)):
             raise SupersededError(reason)
         velocity_before = self._last_velocity
-        if isinstance(message, Twist):
-            self._last_velocity = message
-            if moves and self._chassis.state is LinkState.READY:
-                self._drives_until = time.monotonic() + self.timing.driving
-        if takes_wheels(message):
-            self._velocities.withdraw(_WHEELS_TAKEN)
-        task_id = message.task_id if isinstance(message, ExecTask) else None
-        start = _Start(started_by(message), time.monotonic(), task_id)
-        if start.name:  # before it is sent: the answer may be lost, or come after the report
-            self._starts = [*self._recent_starts(), start]
+        start = self._note_request(message)
         try:
             answer = await self._send(message, how)  # rule 3: once
         except (NotConnectedError, SupersededError, TooManyRequestsError):  # nothing was sent
@@ -518,6 +508,20 @@ class MotionGate:
             self._forget_start(start)
             self._note_refused(message)
         return answer
+
+    def _note_request(self, message: Message) -> _Start:
+        """Note what a motion command that is about to be sent may drive or start."""
+        if isinstance(message, Twist):
+            self._last_velocity = message
+            if may_move(message) and self._chassis.state is LinkState.READY:
+                self._drives_until = time.monotonic() + self.timing.driving
+        if takes_wheels(message):
+            self._velocities.withdraw(_WHEELS_TAKEN)
+        task_id = message.task_id if isinstance(message, ExecTask) else None
+        start = _Start(started_by(message), time.monotonic(), task_id)
+        if start.name:  # now, because the answer may be lost, or come after the report
+            self._starts = [*self._recent_starts(), start]
+        return start
 
     def _note_accepted(self, message: Message, velocity_before: Twist) -> None:
         """Note whether a velocity still drives the robot after an accepted motion command.
