@@ -15,7 +15,7 @@ from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, linke
 from woosh_robot_agent.link import Body, LinkState, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.link.tasks import LARGE, aside
+from woosh_robot_agent.link.tasks import LARGE, offload
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Speak
 from woosh_robot_agent.pb.robot.robot_pb2 import NavPath, PoseSpeed, RobotInfo
@@ -219,7 +219,7 @@ async def test_a_large_push_of_a_lost_link_does_not_follow_the_new_robot_info(
         (await peer.wire()).abort()
         await eventually(lambda: seen)
         gate.set()
-        await aside(int)  # the conversion has ended
+        await offload(int)  # the conversion has ended
         await turns()
         assert seen == [RobotInfo()]
 

@@ -6,6 +6,7 @@ import asyncio
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -70,6 +71,31 @@ async def test_what_the_kernel_has_not_sent_is_dropped_with_the_connection() -> 
                 await soon(read_to_end(chassis))
         await asyncio.wait({sending})
         sending.exception()
+
+
+async def test_what_the_kernel_has_not_sent_is_dropped_soon_after_an_orderly_close() -> None:
+    loop = asyncio.get_running_loop()
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # the rest stays in the kernel
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        server.setblocking(False)
+        transport = await open_transport(config(server.getsockname()[1], transport="tcp"))
+        chassis, (_, port) = await loop.sock_accept(server)
+        with chassis:
+            await transport.send(bytes(100_000))
+            assert transport.backlog() == 0
+            await transport.close(0.2)
+            local = f":{port:04X} "
+            await eventually(lambda: local not in client_ends(), "the end of the connection")
+            with pytest.raises(ConnectionResetError):
+                await soon(read_to_end(chassis))
+
+
+def client_ends() -> str:
+    """Return the local addresses of all TCP connections of this machine, also of closed sockets."""
+    lines = Path("/proc/net/tcp").read_text().splitlines()[1:]
+    return "".join(f"{line.split()[1]} " for line in lines)
 
 
 @pytest.mark.parametrize("kind", ["json", "tcp"])

@@ -275,7 +275,7 @@ def sent(seconds: float, **options: float) -> Sender:
 
 async def test_an_old_velocity_is_not_sent_and_is_counted() -> None:
     async with gated(max_age=0.5) as rig:
-        with pytest.raises(SupersededError, match=r"2\.[01]\d s old"):
+        with pytest.raises(SupersededError, match=r"2\.\d\d s old"):
             await soon(rig.drive(2, sender=sent(2.0)))
         assert rig.gate.superseded == 1
         assert not rig.gate.driving
@@ -300,7 +300,7 @@ async def test_each_reason_for_which_velocities_are_not_sent_is_logged(
     warnings = [each.getMessage() for each in caplog.records if each.levelno == logging.WARNING]
     told = [each for each in warnings if "not sent" in each]
     assert len(told) == 2
-    assert re.search(r"2\.[01]\d s old", told[0])
+    assert re.search(r"2\.\d\d s old", told[0])
     assert "stop" in told[1]
 
 

@@ -240,10 +240,11 @@ async def test_an_open_goal_owns_the_wheels() -> None:
         assert rig.gate.owner == ""
 
 
-async def test_an_action_that_runs_when_the_link_is_made_owns_the_wheels() -> None:
+@pytest.mark.parametrize("state", ["kRosExecuting", "kRosErrMsg", "kRosPauseFailed"])
+async def test_an_action_that_runs_when_the_link_is_made_owns_the_wheels(state: str) -> None:
     """Robots report an action only when its state changes, and RobotInfo has no actions."""
     async with gated() as rig:
-        rig.actions = feedback("MoveBase", "kRosExecuting")
+        rig.actions = feedback("MoveBase", state)
         rig.wire.abort()
         await rig.second_wire()
         await eventually(lambda: rig.gate.owner == "MoveBase")
@@ -275,13 +276,23 @@ async def test_an_action_that_an_obstacle_holds_up_goes_on_over_a_lost_link() ->
         assert rig.gate.owner == "MoveBase"
 
 
-async def test_what_is_reported_before_the_answer_about_the_actions_is_newer() -> None:
+@pytest.mark.parametrize(
+    ("pushed", "answer"),
+    [
+        ("kRosExecuting", {}),  # the report is newer
+        ("kRosErrMsg", feedback("MoveBase", "kRosErrMsg")),  # it does not tell of a beginning
+    ],
+)
+async def test_an_action_that_is_reported_before_the_answer_about_the_actions_owns_the_wheels(
+    pushed: str, answer: Frame
+) -> None:
     async def script(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == FEEDBACKS:
-            await wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
+            await wire.push(FEEDBACKS, feedback("MoveBase", pushed))
         return await answer_all(wire, frame)
 
     async with gated(script) as rig:
+        rig.actions = answer
         known: list[Any] = []
         rig.gate.wheel_owner.on_known(known.append)
         rig.wire.abort()

@@ -21,8 +21,7 @@ from woosh_robot_agent.convert.mapping import (
     mirrored_fields,
     presence_bits,
 )
-
-_FLOATS = (FieldDescriptor.CPPTYPE_FLOAT, FieldDescriptor.CPPTYPE_DOUBLE)
+from woosh_robot_agent.link.codecs.json_codec import FLOATS
 
 
 @cache
@@ -100,13 +99,13 @@ def _set_proto(
     elif field.type == FieldDescriptor.TYPE_BYTES:
         add(f"p.{name} = bytes({origin}.{name})")
     elif items is not None:
-        if field.cpp_type in _FLOATS:
+        if field.cpp_type in FLOATS:
             add(f"for i, item in enumerate({origin}.{name}):")
             add(f"    if not isfinite(item): raise BadField(f'{path}[{{i}}]', f'it is {{item}}')")
         elif items == "string":
             add(f"for i, item in enumerate({origin}.{name}): check_text(item, f'{path}[{{i}}]')")
         add(f"p.{name}.extend({origin}.{name})")
-    elif field.cpp_type in _FLOATS:
+    elif field.cpp_type in FLOATS:
         add(f"value = {origin}.{name}")
         add(f"if not isfinite(value): raise BadField('{path}', f'it is {{value}}')")
         add(f"p.{name} = value")

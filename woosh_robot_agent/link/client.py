@@ -394,8 +394,8 @@ class ChassisClient:
         """Send a request, also a reserved one, if it is permitted and the link is ready."""
         if not how.always:
             self.check_permitted(message)
-        connection = self._reconnect.connection
-        if connection is None or self._reconnect.state is not LinkState.READY:
+        connection = self._connection
+        if connection is None or self.state is not LinkState.READY:
             raise self._reconnect.not_connected()
         timeout = self.timeout_of(full_name(message)) if how.timeout is None else how.timeout
         tap = self._queueing_tap(message, how.tap)
@@ -407,16 +407,14 @@ class ChassisClient:
 
     def _queueing_tap(
         self, message: Message, tap: Callable[[Answer], None] | None
-    ) -> Callable[[Answer], None] | None:
+    ) -> Callable[[Answer], None]:
         """Return a function that queues the answer to `message` behind the pushes received before.
 
         From the queue, the answer goes to the callbacks of `on_accepted` or `on_refused`, then to
-        `tap`, so that they get answers and pushes in order of arrival. Return None if there is
-        neither a `tap` nor a callback.
+        `tap`, so that they get answers and pushes in order of arrival. An answer for which there is
+        neither a callback nor a `tap` is not queued.
         """
         on_accepted = self._accepted_callbacks.get(full_name(message), ())
-        if tap is None and not on_accepted and not self._refused_callbacks:
-            return None
 
         def call_all(answer: Answer) -> None:
             if answer.ok:
@@ -429,8 +427,8 @@ class ChassisClient:
                 tap(answer)
 
         def put(answer: Answer) -> None:
-            # callbacks of `on_refused` alone do not need an accepted answer
-            if tap is not None or on_accepted or not answer.ok:
+            callbacks = on_accepted if answer.ok else self._refused_callbacks
+            if callbacks or tap is not None:
                 self._subscriptions.put_answer(call_all, answer)
 
         return put

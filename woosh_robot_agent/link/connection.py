@@ -34,7 +34,7 @@ from woosh_robot_agent.link.frames import (
 from woosh_robot_agent.link.protos import full_name, message_types
 from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.subscriptions import EVENT_PUSHES
-from woosh_robot_agent.link.tasks import LARGE, aside, cancel_and_wait
+from woosh_robot_agent.link.tasks import LARGE, cancel_and_wait, offload
 from woosh_robot_agent.link.transport import Transport, TransportClosedError
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, RobotState
 from woosh_robot_agent.pb.util.commu_pack_pb2 import Subscription
@@ -112,8 +112,8 @@ class Liveness:
     Signs of life are valid frames. Bytes of unfinished frames in either direction count, too: a map
     of several MiB may take longer than the timeout.
 
-    Silence is measured by a clock of its own, which stands still while this program is busy: what
-    arrives meanwhile is still unread. The program was busy if a wait ends later than it should.
+    Time in which this program is busy does not count as silence, because what arrives meanwhile is
+    still unread. The program was busy if a wait ends later than it should.
 
     Args:
         timeout: time without a sign of life after which the link counts as lost, in seconds.
@@ -134,15 +134,13 @@ class Liveness:
         self._probe = probe
         self._sent = sent
         self._loop_time = asyncio.get_running_loop().time
-        self._latest = self._loop_time()
-        """Time at which the clock stops until the next wait: the planned end of the current wait,
-        and a margin."""
-        self._busy = 0.0
-        """Total time for which the clock stood still, in seconds."""
-        self._alive_at = self._now()
-        """Time of the last sign of life."""
-        self._accepted_at = self._now()
-        """Time at which the other end last accepted bytes, or no bytes were waiting."""
+        self._wait_ends = self._loop_time()
+        """Latest time at which the current wait should end; the time after it is not counted."""
+        self._alive_at = self._loop_time()
+        """Time of the last sign of life, plus the time since then that is not counted."""
+        self._accepted_at = self._loop_time()
+        """Time at which the other end last accepted bytes, or no bytes were waiting, plus the time
+        since then that is not counted."""
         self._sent_before = sent()
         """Number of frames sent, at the last check."""
         self._backlog_before = 0
@@ -150,7 +148,7 @@ class Liveness:
 
     def note_alive(self) -> None:
         """Note a sign of life."""
-        self._alive_at = self._now()
+        self._alive_at = self._loop_time()
 
     async def watch(self) -> None:
         """Watch the connection for as long as the other end is alive; probe it while it is silent.
@@ -172,21 +170,14 @@ class Liveness:
                     quiet = self._measure_silence()
                 if probe.done():
                     probe.result()
-            # a probe that is a request: only the silence decides
             except (RequestTimeoutError, SupersededError):
-                pass
+                pass  # a probe that is a request has failed: only the silence decides
             finally:
                 await cancel_and_wait(probe)
 
-    def _now(self) -> float:
-        """Return the time of the clock that measures silence, in seconds."""
-        return min(self._loop_time() - self._busy, self._latest)
-
     async def _spend(self, seconds: float, wait: Awaitable[object]) -> None:
-        """Await something that is meant to take `seconds`; a longer delay does not count."""
-        now = self._now()
-        self._busy = self._loop_time() - now  # the clock goes on from where it stood still
-        self._latest = now + seconds + self._timeout * _STEP_SHARE
+        """Await something that should take at most `seconds`."""
+        self._wait_ends = self._loop_time() + seconds + self._timeout * _STEP_SHARE
         await wait
 
     async def _probe_once(self) -> None:
@@ -200,9 +191,11 @@ class Liveness:
         Raises:
             ConnectionLostError: the other end has stopped reading.
         """
-        now = self._now()
-        progress_at = min(self._transport.progress_at - self._busy, now)  # by this clock
-        self._alive_at = max(self._alive_at, progress_at)
+        now = self._loop_time()
+        busy = max(0.0, now - self._wait_ends)
+        self._wait_ends = now
+        self._alive_at = min(now, max(self._alive_at + busy, self._transport.progress_at))
+        self._accepted_at += busy
         sent, backlog = self._sent(), self._transport.backlog()
         has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before
         self._sent_before, self._backlog_before = sent, backlog
@@ -230,9 +223,9 @@ them."""
 _MAX_BURST = 25
 """Number of frames after which the reader lets other tasks run, so that the pushes among them are
 delivered before their queue overflows."""
-_MAX_ASIDE = 2
-"""Maximum number of large frames that wait to be decoded. With one more, reading stops until one is
-decoded, so that the chassis has to wait, too."""
+_MAX_DECODING = 2
+"""Maximum number of large frames that are being decoded or wait for it. One more stops the reader
+until one is decoded, so that the chassis has to wait, too."""
 
 
 class Sending(NamedTuple):
@@ -314,7 +307,7 @@ def _not_connected(name: str, cause: LinkError) -> NotConnectedError:
 class Connection:
     """One connection over an open transport; cannot be reused after its end.
 
-    Large frames are encoded and decoded *aside*: in the thread for large messages, see `aside`.
+    Large frames are encoded and decoded in the thread for large messages, see `offload`.
 
     Args:
         transport: an open transport; the connection closes it.
@@ -370,8 +363,8 @@ class Connection:
         self._liveness = Liveness(
             transport, config.liveness_timeout, self._probe, lambda: self._sent
         )
-        self._aside_slots = asyncio.Semaphore(_MAX_ASIDE)
-        self._aside_tasks: set[asyncio.Task[None]] = set()
+        self._decoding_slots = asyncio.Semaphore(_MAX_DECODING)
+        self._large_tasks: set[asyncio.Task[None]] = set()
         """Tasks that wait for large frames to be decoded or encoded."""
         self._newer: list[set[str]] = []
         """For each large frame that is being decoded, the types of the pushes read after it."""
@@ -414,7 +407,7 @@ class Connection:
             else:
                 self._put(sn, _Outgoing(data, started + how.within, urgent))
                 if data is None:
-                    self._start_aside(self._encode_aside(sn, pending, encode))
+                    self._start_large_task(self._encode_large(sn, pending, encode))
                 if how.first:
                     self._outbox.move_to_end(sn, last=False)
             answer = await future
@@ -446,7 +439,7 @@ class Connection:
         self._fail(cause)
         self._expiry.cancel()
         try:
-            await cancel_and_wait(*self._tasks, *self._aside_tasks)
+            await cancel_and_wait(*self._tasks, *self._large_tasks)
             await self._transport.close(self.config.close_timeout)
         finally:
             self._transport.abort()
@@ -460,25 +453,27 @@ class Connection:
         return {
             "requests": len(self._pending),
             "outbox": len(self._outbox),
-            "tasks": sum(not task.done() for task in (*self._tasks, *self._aside_tasks)),
+            "tasks": sum(not task.done() for task in (*self._tasks, *self._large_tasks)),
         }
 
     def _fail(self, cause: LinkError) -> None:
-        """Note the first cause that ends the connection, and fail the pending requests."""
+        """End the connection; only the first cause counts.
+
+        Requests that were not sent fail with a NotConnectedError, the others with the cause.
+        """
         if self._cause is not None:
             return
         self._cause = cause
         for sn, pending in self._pending.items():
             if not pending.future.done():
-                # a separate error for each: a raised one keeps the variables of its caller alive
+                # one error each: its traceback keeps the variables of the caller alive
                 pending.future.set_exception(
                     _not_connected(pending.name, cause)
                     if sn in self._outbox
                     else type(cause)(said_by(cause))
                 )
         self._outbox.clear()
-        if not self.ended.done():
-            self.ended.set_result(cause)
+        self.ended.set_result(cause)
 
     async def _guard(self, work: Callable[[], Awaitable[None]]) -> None:
         """Run a part of the connection's work; an error in it ends the whole connection."""
@@ -551,13 +546,13 @@ class Connection:
                 return key
         return None
 
-    async def _encode_aside(
+    async def _encode_large(
         self, sn: int, pending: _Pending, encode: Callable[[], str | bytes]
     ) -> None:
-        """Encode a large request aside; then its frame in the outbox can be sent."""
+        """Have a large request encoded in the thread; then its frame in the outbox can be sent."""
         try:
-            data = await aside(encode)
-        except Exception as error:  # the caller gets it, as from a small request
+            data = await offload(encode)
+        except Exception as error:  # raised to the caller, as for a small request
             if not pending.future.done():
                 pending.future.set_exception(error)
             return
@@ -618,9 +613,9 @@ class Connection:
                 if len(data) < LARGE:
                     self._receive(self._codec.decode(data), alone=self._transport.waited)
                 else:
-                    await self._receive_aside(data)
+                    await self._receive_large(data)
                     if not self.reads_ahead:  # during the handshake
-                        await asyncio.wait(self._aside_tasks)
+                        await asyncio.wait(self._large_tasks)
             except FrameError as error:
                 self._count_bad(error)
             now = self._loop.time()
@@ -654,7 +649,8 @@ class Connection:
         self._liveness.note_alive()
         if envelope.defect:
             self._count_bad(FrameError("timestamp", envelope.defect))
-        if envelope.timestamp is not None and not envelope.is_large:  # a large one took long
+        # the time for decoding a large frame would count as a difference of the clocks
+        if envelope.timestamp is not None and not envelope.is_large:
             self._stats.clock_offset = envelope.timestamp / 1000 - time.time()
         if envelope.sn:
             self._answer(envelope, overtaken_by)
@@ -664,36 +660,36 @@ class Connection:
                 newer.add(envelope.type)
         self._on_push(envelope, alone)
 
-    async def _receive_aside(self, data: str | bytes) -> None:
-        """Begin to decode a large frame aside; first wait while `_MAX_ASIDE` others are waiting."""
-        await self._aside_slots.acquire()
+    async def _receive_large(self, data: str | bytes) -> None:
+        """Start the decoding of a large frame; first wait while `_MAX_DECODING` others wait."""
+        await self._decoding_slots.acquire()
         newer: set[str] = set()
         self._newer.append(newer)
-        self._start_aside(self._guard(partial(self._decode_aside, data, newer)))
+        self._start_large_task(self._guard(partial(self._decode_and_receive, data, newer)))
 
-    def _start_aside(self, work: Coroutine[Any, Any, None]) -> None:
+    def _start_large_task(self, work: Coroutine[Any, Any, None]) -> None:
         """Start a task that waits for a large frame; `close` cancels it."""
         task = self._loop.create_task(work)
-        self._aside_tasks.add(task)
-        task.add_done_callback(self._aside_tasks.discard)
+        self._large_tasks.add(task)
+        task.add_done_callback(self._large_tasks.discard)
 
-    async def _decode_aside(self, data: str | bytes, newer: set[str]) -> None:
-        """Decode a large frame aside; receive it, unless it is a push that a newer one replaces.
+    async def _decode_and_receive(self, data: str | bytes, newer: set[str]) -> None:
+        """Have a large frame decoded; receive it, unless it is a push that a newer one replaces.
 
-        A frame that cannot be decoded is counted. In each case, the slot that `_receive_aside` has
+        A frame that cannot be decoded is counted. In each case, the slot that `_receive_large` has
         acquired is released.
 
         Args:
             newer: the entry of this frame in `_newer`: the types of the pushes read after it.
         """
         try:
-            envelope = await aside(self._decode_large, data)
+            envelope = await offload(self._decode_large, data)
         except FrameError as error:
             self._count_bad(error)
             return
         finally:
             self._newer = [each for each in self._newer if each is not newer]
-            self._aside_slots.release()
+            self._decoding_slots.release()
         only_newest_matters = not envelope.sn and envelope.type not in EVENT_PUSHES
         if only_newest_matters and envelope.type in newer:
             self._stats.dropped_pushes[envelope.type] += 1
@@ -701,7 +697,7 @@ class Connection:
             self._receive(envelope, alone=False, overtaken_by=newer)
 
     def _decode_large(self, data: str | bytes) -> Envelope:
-        """Return the envelope of a large frame, with its body decoded; runs aside."""
+        """Return the envelope of a large frame, with its body decoded; runs in the thread."""
         envelope = self._codec.decode(data)
         envelope.is_large = True
         if (cls := message_types().get(envelope.type)) is not None:
@@ -721,7 +717,7 @@ class Connection:
             _LOG.debug("no request is pending for answer %d (%s)", envelope.sn, envelope.type)
             return
         body = Body(self._codec, envelope, partial(self._count_bad, name=envelope.type))
-        # nearly all types are parts of RobotInfo
+        # RobotInfo has a part for nearly each type of push, so that any push may be newer
         is_info = envelope.type == _ROBOT_INFO
         is_outdated = envelope.type in overtaken_by or (is_info and bool(overtaken_by))
         answer = Answer(bool(envelope.ok), envelope.msg, body, is_outdated)

@@ -76,7 +76,7 @@ class Envelope:
         timestamp: Unix time in ms; None if the frame has none, or an invalid one.
         defect: why the timestamp is invalid; empty if it is valid, or if there is none.
         is_large: True if the body is decoded and converted in the thread for large messages; see
-            `tasks.aside`.
+            `tasks.offload`.
         message: the decoded body of a large frame; None if it is not decoded yet.
     """
 
@@ -133,7 +133,7 @@ class Body:
 
     Attributes:
         type: protobuf full name of the body's message, as the frame gives it.
-        is_large: True if the body is converted in the thread for large messages; see `tasks.aside`.
+        is_large: True if the body is converted in the thread for large messages; `tasks.offload`.
     """
 
     __slots__ = ("_codec", "_error", "_message", "_on_bad", "_value", "is_large", "type")

@@ -146,7 +146,7 @@ async def open_link(config: LinkConfig) -> Transport:
         raise HandshakeError(said_by(error)) from None
 
 
-def _sender(answer: Answer) -> RobotIdentity | None:
+def _identity_in(answer: Answer) -> RobotIdentity | None:
     """Return the identity in a RobotInfo; None if it cannot be read."""
     info = answer.body
     return RobotIdentity.of(info) if answer.ok and isinstance(info, RobotInfo) else None
@@ -352,7 +352,7 @@ class ReconnectLoop:
 
         def put_snapshot(answer: Answer) -> None:
             """Deliver the pushes that were held back, and RobotInfo, if it is the right robot."""
-            if not _is_other(_sender(answer), expected):
+            if not _is_other(_identity_in(answer), expected):
                 subscriptions.put_snapshot(answer)
 
         subscriptions.hold()
@@ -360,11 +360,11 @@ class ReconnectLoop:
             connection.subscribe(subscriptions.wanted, on=True)
             answer = await self._request_info(connection, put_snapshot)
             self._check_info(answer)
-            robot = _sender(answer)
+            robot = _identity_in(answer)
             if _is_other(robot, expected):
                 raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
             subscriptions.release()  # `put_snapshot` did so, unless the RobotInfo is unreadable
-            # who commands the robot must know its state
+            # the link becomes ready only now: whoever commands the robot must know its state
             delivered = asyncio.ensure_future(subscriptions.wait_delivered())
             try:
                 await asyncio.wait(

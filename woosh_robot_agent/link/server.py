@@ -139,12 +139,12 @@ class ConnectedClient:
         return len(self._outbox)
 
     @property
-    def unsent(self) -> int:
-        """Number of queued frames plus bytes in the transport's buffer; compare it with 0 only.
+    def has_unsent(self) -> bool:
+        """True if frames are queued, or bytes wait in the transport's buffer.
 
         A frame that a `Write` is sending does not count.
         """
-        return len(self._outbox) + self.transport.backlog()
+        return bool(self._outbox or self.transport.backlog())
 
     def send(self, frame: Encoded) -> None:
         """Queue a frame without waiting."""
@@ -185,7 +185,7 @@ class ConnectedClient:
                     else:
                         await self.transport.send(frame)
         except Exception:
-            # the client would wait for frames for ever
+            # without the drop, the client would wait for frames for ever
             _LOG.exception("cannot send a frame to %s", self.transport.peer)
             self.drop()
         self._open = False
@@ -217,7 +217,7 @@ class TcpServerTransport(TcpTransport):
         await self._write(data)
 
     def abort(self) -> None:
-        abort_transport(self._writer.transport)  # a server sends no commands
+        abort_transport(self._writer.transport)  # what is unsent may still arrive: it is no command
 
     # asyncio's transport of the writer also reads
 
@@ -401,7 +401,7 @@ class WebSocketServerTransport(HttpServerTransport):
     async def recv(self) -> str | bytes:
         try:
             message = await self._socket.receive()
-        except (ConnectionError, RuntimeError) as error:  # a ping cannot be answered
+        except (ConnectionError, RuntimeError) as error:  # e.g. a ping cannot be answered
             raise TransportClosedError(str(error)) from None
         self._connection.note_message_read()
         if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):

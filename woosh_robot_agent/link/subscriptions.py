@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from woosh_robot_agent.link.frames import Answer, Body, Codec, Envelope, FrameError
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.reports import LinkRecord, one_line
-from woosh_robot_agent.link.tasks import aside
+from woosh_robot_agent.link.tasks import offload
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskProc
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import Feedbacks
@@ -34,7 +34,7 @@ def call_logged(
         callback(argument)
     except raised:
         raise
-    except (Exception, asyncio.CancelledError):  # nothing is awaited: the callback raised it
+    except (Exception, asyncio.CancelledError):  # no cancellation: nothing is awaited here
         _LOG.exception("a callback failed")
 
 
@@ -144,7 +144,7 @@ class Subscriptions:
 
     A push that arrives alone is delivered at once if nothing is queued. Other pushes are queued,
     and a separate task delivers them. Large pushes are prepared in another thread; meanwhile,
-    later pushes of the type wait in its lane, a queue.
+    later pushes of the same type wait in a queue of this type.
 
     Args:
         depth: maximum number of queued pushes for each of `EVENT_PUSHES`.
@@ -157,13 +157,13 @@ class Subscriptions:
         self._consumers: dict[str, list[Consumer]] = {}
         """Consumers of pushes, by type."""
         self._snapshot_consumers: list[Consumer] = []
-        # the number of requests limits the answers
+        # the number of requests limits that of the answers
         self._depths = {_ANSWER: math.inf, **dict.fromkeys(EVENT_PUSHES, depth)}
         """Maximum number of queued pushes, by type."""
         self._queue = PushQueue(self._depths, self._stats.dropped_pushes)
-        self._lanes: dict[str, deque[Body]] = {}
+        self._type_queues: dict[str, deque[Body]] = {}
         """Large pushes that wait to be prepared, and later pushes of the same type, by type."""
-        self._lane_tasks: set[asyncio.Task[None]] = set()
+        self._type_tasks: set[asyncio.Task[None]] = set()
         """Tasks that prepare and deliver these pushes, one for each type."""
         self._preparing = False
         """True while a large RobotInfo is prepared; later pushes wait in the queue."""
@@ -173,7 +173,7 @@ class Subscriptions:
     @property
     def queued(self) -> int:
         """Number of queued pushes and answers."""
-        waiting = len(self._queue) + sum(map(len, self._lanes.values()))
+        waiting = len(self._queue) + sum(map(len, self._type_queues.values()))
         return waiting + (0 if self._held is None else len(self._held))
 
     # Consumers
@@ -214,7 +214,7 @@ class Subscriptions:
 
         Large pushes that are not prepared yet belong to another link, and are discarded.
         """
-        self._clear_lanes()
+        self._clear_type_queues()
         self._held = PushQueue(self._depths, self._stats.dropped_pushes)
 
     def release(self) -> None:
@@ -288,7 +288,8 @@ class Subscriptions:
                 if not len(queue):
                     await queue.wait()
                     slice_started = now()  # other tasks ran meanwhile
-                unfinished = queue.get()()  # a variable for the function would keep a large push
+                # no variable for the function: it would keep a large push in memory
+                unfinished = queue.get()()
                 if unfinished is not None:  # later pushes must wait for its end
                     await unfinished
                 if now() - slice_started > _TIME_SLICE:
@@ -296,28 +297,28 @@ class Subscriptions:
                     slice_started = now()
         finally:
             self._preparing = False
-            self._clear_lanes()
+            self._clear_type_queues()
 
-    def _clear_lanes(self) -> None:
+    def _clear_type_queues(self) -> None:
         """Discard the large pushes that are not prepared yet, and the pushes behind them."""
-        for task in self._lane_tasks:
+        for task in self._type_tasks:
             task.cancel()
-        self._lanes.clear()
+        self._type_queues.clear()
 
     def _deliver(self, body: Body) -> None:
-        """Deliver a push, or put it into the lane of its type, if it or an earlier one is large."""
-        lane = self._lanes.get(body.type)
-        if lane is not None:
-            if len(lane) == lane.maxlen:
+        """Deliver a push; queue it for its type if it is large, or an earlier large one waits."""
+        queue = self._type_queues.get(body.type)
+        if queue is not None:
+            if len(queue) == queue.maxlen:  # then `append` discards the oldest push
                 self._stats.dropped_pushes[body.type] += 1
-            lane.append(body)  # a full lane discards its oldest push
+            queue.append(body)
         elif body.is_large:
             limit = int(self._depths.get(body.type, LATEST_DEPTH))
-            self._lanes[body.type] = lane = deque([body], limit)
-            work = self._deliver_lane(body.type, lane)
+            self._type_queues[body.type] = queue = deque([body], limit)
+            work = self._deliver_type(body.type, queue)
             task = asyncio.get_running_loop().create_task(work, name=f"large {body.type}")
-            self._lane_tasks.add(task)
-            task.add_done_callback(self._lane_tasks.discard)
+            self._type_tasks.add(task)
+            task.add_done_callback(self._type_tasks.discard)
         else:
             self._deliver_now(body)
 
@@ -329,21 +330,21 @@ class Subscriptions:
             except FrameError:  # `_count_bad` has logged it
                 return
 
-    async def _deliver_lane(self, name: str, lane: deque[Body]) -> None:
-        """Deliver the pushes in a lane; prepare large pushes in the thread for large messages."""
-        while lane:
-            body = lane.popleft()
+    async def _deliver_type(self, name: str, queue: deque[Body]) -> None:
+        """Deliver queued pushes of a type; prepare large ones in the thread for large messages."""
+        while queue:
+            body = queue.popleft()
             if body.is_large:
                 await self._deliver_large(body, self._consumers[name])
             else:
                 self._deliver_now(body)
-        self._lanes.pop(name, None)
+        self._type_queues.pop(name, None)
 
     async def _deliver_large(self, value: Body | RobotInfo, consumers: list[Consumer]) -> None:
         """Prepare a value in the thread for large messages, and call the consumers."""
         for consumer in tuple(consumers):
             try:
-                prepared = await aside(consumer.prepare, value)
+                prepared = await offload(consumer.prepare, value)
                 call_logged(consumer.callback, prepared, raised=(FrameError,))
             except FrameError:  # `_count_bad` has logged it
                 return

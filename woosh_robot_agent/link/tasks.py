@@ -142,7 +142,7 @@ def run_main(work: Coroutine[Any, Any, T]) -> T:
 
 
 LARGE = 64 * 1024
-"""Length from which a frame is handled by `aside`, in characters or bytes.
+"""Length from which a frame is handled by `offload`, in characters or bytes.
 
 The conversion of a shorter frame takes some milliseconds at most.
 """
@@ -154,7 +154,7 @@ _THREAD = ThreadPoolExecutor(1, thread_name_prefix="large messages")
 """One thread, so that large messages keep their order, and at most one competes for the GIL."""
 
 
-async def aside(function: Callable[..., T], *args: Any) -> T:
+async def offload(function: Callable[..., T], *args: Any) -> T:
     """Return the result of a function that runs in the thread for large messages.
 
     The function must consist of small steps of Python: a long call into C that keeps the GIL would

@@ -73,7 +73,7 @@ def cancel_orders() -> dict[str, Message]:
         if field.message_type is not None and field.message_type.full_name in ACTIONS:
             call: Any = CallAction()
             member = getattr(call, field.name)
-            member.SetInParent()  # the number of CANCEL_ACTION is 0, which sets no member
+            member.SetInParent()  # assigning CANCEL_ACTION, which is 0, does not set the member
             member.action = CANCEL_ACTION
             orders[field.message_type.name] = call
     orders[FOLLOW] = Follow()  # without `type`, it ends the following
@@ -108,7 +108,7 @@ class StopReport:
         stopped = _is_ok(self.zero) and not self.running
         reason = self._failed(self.running[0]) if self.running else _reason(self.zero)
         parts = [_DONE() if stopped else _NOT_STOPPED(reason=reason)]
-        # the chassis may accept the end of a following that it was not doing
+        # the chassis may accept the end of a following also if there was none
         cancelled = [
             name for name, answer in self.cancels.items() if _is_ok(answer) and name != FOLLOW
         ]
@@ -165,8 +165,8 @@ _MAX_DELAY = 20.0
 """Maximum time that a command is expected to be on its way, in seconds. One that seems to be older
 comes from a computer whose clock differs."""
 _LONGEST_LOSS = 30.0
-"""Maximum time from a stop to the return of a lost link at which what has begun is cancelled, in
-seconds. Later, somebody else may have started it."""
+"""Maximum time from a stop to the return of a lost link, in seconds, after which what has begun
+meanwhile is cancelled. After a longer time, somebody else may have started it."""
 _BEFORE_STOP = Sentence(
     "it was sent before the last stop of the robot: send it again, and if this repeats, "
     "synchronise the clocks of the two computers"
@@ -216,16 +216,18 @@ class AnsweredCommand(NamedTuple):
     requested: float
 
 
-@dataclass
+@dataclass(eq=False)
 class _Start:
     """A start of a task or an action that was sent from here.
 
     Attributes:
+        name: what it starts, as in `started_by`.
         sent: monotonic time at which it was sent.
         task_id: id of the single task that it starts; None for a set, an order or an action.
         answered: monotonic time at which its answer came, or its request failed; infinite before.
     """
 
+    name: str
     sent: float
     task_id: int | None
     answered: float = math.inf
@@ -237,8 +239,8 @@ class MotionGate:
     Args:
         chassis: the link.
         open_goals: returns the number of goals that the robot may be executing; by default none.
-        on_late_stop: called when what began just after a stop was cancelled, too, with the answers
-            and the loop time at which this was requested.
+        on_late_stop: called when what began just after a stop has been cancelled, with the report
+            on this cancel and the loop time at which it was requested.
 
     Attributes:
         superseded: number of velocities that were not sent because they were out of date.
@@ -258,7 +260,7 @@ class MotionGate:
         self._on_late_stop = on_late_stop
         self.wheel_owner = WheelOwner(chassis, self._start_reported)
         self.timing = MotionTiming()
-        self._velocities = LatestWins[Answer](lambda: self.timing)
+        self._velocities = LatestWins(lambda: self.timing)
         self._last_velocity = Twist()
         """The last velocity that was sent, zero included."""
         self._unanswered_at_start: Twist | None = None
@@ -268,9 +270,8 @@ class MotionGate:
         """Monotonic time until which the robot may be driving at a velocity from this gate."""
         self._wheels_taken = -math.inf
         """Monotonic time at which the chassis last accepted a task or driving action from here."""
-        self._starts: dict[str, list[_Start]] = {}
-        """The last starts of tasks, and of actions of each kind, the oldest first; without those
-        that have begun since. Named as in `started_by`."""
+        self._starts: list[_Start] = []
+        """The last starts, the oldest first, without those that have begun since."""
         self._forbidden = ""
         """Reason why requests that move the robot are refused."""
         self._forbidden_until = -math.inf
@@ -278,13 +279,14 @@ class MotionGate:
         self._stop_called = -math.inf
         """Loop time at which the last stop was announced."""
         self._awaited_task = 0
-        """Number of the task that the chassis had accepted and not begun at the last stop, in
-        `WheelOwner.acceptances`; 0 without one."""
+        """`WheelOwner.acceptances` at the last stop if the robot had accepted a task and not begun
+        it; otherwise 0."""
         self._stopped_set = 0
         """Id of the set that the last stop or late cancel has ended; 0 without one."""
         self._stop_answered = -math.inf
-        """Monotonic time at which the chassis had last answered all requests of a stop; infinite
-        during a stop, and in the future during a loss of the link soon after it."""
+        """Monotonic time at which the chassis had last answered all requests of a stop: what begins
+        shortly after it is cancelled. Infinite during a stop; in the future while the link is lost
+        soon after a stop."""
         self._stalls = StallWatch(lambda: self.timing)
         self._stop_callbacks: list[Callable[[], None]] = []
         self._answered_callbacks: list[Callable[[AnsweredCommand], None]] = []
@@ -359,7 +361,7 @@ class MotionGate:
             return await self._send_stop(timeout)
         finally:
             self._stop_answered = time.monotonic()
-            self._keep_stop_while_lost()
+            self._extend_stop_over_loss()
 
     async def _send_stop(self, timeout: float) -> StopReport:
         """Send a zero velocity and cancel everything that moves the robot."""
@@ -374,9 +376,9 @@ class MotionGate:
         answered = dict(zip(orders, cancels, strict=True))
         refused = [name for name, answer in answered.items() if _is_refused(answer)]
         # The zero may be refused until the cancels take effect. If it was accepted, wait only for
-        # those whose cancel was refused: an earlier one may be taking effect.
+        # what the chassis refused to cancel: an earlier cancel may be taking effect.
         await self._wait_for_end(orders if _is_refused(zero) else refused)
-        # rule 6: not to what was started after the stop
+        # rule 6: no zero to what was started after the stop
         if _is_refused(zero) and not self.wheel_owner.name:
             zero = await self._send_first(Twist(), timeout)
         running = tuple(filter(self.wheel_owner.moves, refused))
@@ -505,35 +507,38 @@ class MotionGate:
             SupersededError: the rules forbid it now.
             LinkError: no answer arrived; `ChassisClient.request` lists the classes.
         """
-        self._chassis.check_permitted(message)  # first: a velocity that is not sent does not drive
-        moves = may_move(message)
-        if moves and (reason := self.refusal(sender.published)):
+        self._chassis.check_permitted(message)  # first: what is not sent must not count as driving
+        if may_move(message) and (reason := self.refusal(sender.published)):
             raise SupersededError(reason)
         velocity_before = self._last_velocity
-        if isinstance(message, Twist):
-            self._last_velocity = message
-            if moves and self._chassis.state is LinkState.READY:
-                self._drives_until = time.monotonic() + self.timing.driving
-        if takes_wheels(message):
-            self._velocities.withdraw(_WHEELS_TAKEN)
-        started = started_by(message)
-        task_id = message.task_id if isinstance(message, ExecTask) else None
-        start = _Start(time.monotonic(), task_id)
-        if started:  # now, because the answer may be lost, or come after the report
-            self._starts[started] = [*self._recent_starts(started), start]
+        start = self._note_request(message)
         try:
             answer = await self._send(message, how)  # rule 3: once
         except (NotConnectedError, SupersededError, TooManyRequestsError):  # nothing was sent
-            self._forget_start(started, start)
+            self._forget_start(start)
             raise
         finally:
             start.answered = time.monotonic()
         if answer.ok:
             self._note_accepted(message, velocity_before)
         else:
-            self._forget_start(started, start)
+            self._forget_start(start)
             self._note_refused(message)
         return answer
+
+    def _note_request(self, message: Message) -> _Start:
+        """Note what a motion command that is about to be sent may drive or start."""
+        if isinstance(message, Twist):
+            self._last_velocity = message
+            if may_move(message) and self._chassis.state is LinkState.READY:
+                self._drives_until = time.monotonic() + self.timing.driving
+        if takes_wheels(message):
+            self._velocities.withdraw(_WHEELS_TAKEN)
+        task_id = message.task_id if isinstance(message, ExecTask) else None
+        start = _Start(started_by(message), time.monotonic(), task_id)
+        if start.name:  # now, because the answer may be lost, or come after the report
+            self._starts = [*self._recent_starts(), start]
+        return start
 
     def _note_accepted(self, message: Message, velocity_before: Twist) -> None:
         """Note whether a velocity still drives the robot after an accepted motion command.
@@ -553,27 +558,23 @@ class MotionGate:
 
     def _note_refused(self, message: Message) -> None:
         """Note whether a velocity still drives the robot after a refused motion command."""
-        # rule 6: the start of a task or action has ended all earlier velocities, and this later one
-        # was refused; after any other refusal, an earlier velocity may still drive the robot
+        # rule 6: the start of a task or action has ended all velocities before this one, which was
+        # refused. After any other refusal, an earlier velocity may still drive the robot
         if message is self._unanswered_at_start and message is self._last_velocity:
             self._drives_until = -math.inf
 
-    def _recent_starts(self, started: str) -> list[_Start]:
+    def _recent_starts(self) -> list[_Start]:
         """Return those of `_starts` that may still matter after a stop.
 
         A stop may come up to `effect` after the answer to a start, and the report of the start up
         to `effect` after the answers to the stop.
         """
         oldest = time.monotonic() - 2 * self.timing.effect
-        return [
-            each
-            for each in self._starts.get(started, ())
-            if each.answered > oldest or self._is_late(each)
-        ]
+        return [each for each in self._starts if each.answered > oldest or self._is_late(each)]
 
-    def _forget_start(self, started: str, start: _Start) -> None:
-        """Remove a command from `_starts`: it starts nothing."""
-        self._starts[started] = [each for each in self._recent_starts(started) if each is not start]
+    def _forget_start(self, start: _Start) -> None:
+        """Remove a command from `_starts`, because it starts nothing or has begun."""
+        self._starts = [each for each in self._starts if each is not start]
 
     def refusal(self, published: float | None) -> str:
         """Return why a command may not move the robot now; empty if it may. Thread-safe.
@@ -628,22 +629,10 @@ class MotionGate:
             started: "task", or the action by its short name.
             drives: True if it drives the robot, so that no earlier velocity does.
         """
-        starts = self._recent_starts(started)
-        self._starts[started] = starts[1:]  # the oldest one has begun
-        # any of them may be what begins, so none may have been sent after the stop
-        is_new = bool(starts) and starts[-1].sent > self._stop_called
-        is_task = started == "task"
-        # a chassis answers a start before it reports the task
-        answered = [
-            each.task_id
-            for each in starts
-            if each.sent > self._stop_called and each.answered < math.inf
-        ]
-        is_wanted = answered[-1:] == [None] or self.wheel_owner.task_id in answered
-        if is_task and is_wanted:
-            self._stopped_set = 0  # the set, or a task with such an id, was started again
-        is_late = any(map(self._is_late, starts)) or (is_task and self._is_awaited_task())
-        if (is_late and not is_new) or (is_task and self._is_next_of_set()):
+        starts = [each for each in self._recent_starts() if each.name == started]
+        if starts:
+            self._forget_start(starts[0])  # the oldest one has begun
+        if self._has_escaped_stop(starts, is_task=started == "task"):
             start_task(self._cancel_late_start(), "cancel of a late start")  # rule 4
         if not drives:
             return
@@ -657,6 +646,25 @@ class MotionGate:
             self._unanswered_at_start = self._last_velocity
         else:  # rule 6
             self._drives_until = -math.inf
+
+    def _has_escaped_stop(self, starts: list[_Start], *, is_task: bool) -> bool:
+        """Return True if the last stop came too early to end the task or action that begins now.
+
+        Args:
+            starts: the starts from here of which one may have begun it, the oldest first.
+            is_task: True for a task, False for an action.
+        """
+        after_stop = [each for each in starts if each.sent > self._stop_called]
+        if is_task:
+            # a chassis answers a start before it reports the task
+            ids = [each.task_id for each in after_stop if each.answered < math.inf]
+            if self.wheel_owner.task_id in ids or ids[-1:] == [None]:
+                self._stopped_set = 0  # the set, or a task with such an id, was started again
+            if self._is_next_of_set():
+                return True
+        if after_stop:  # the last one may be what begins, and is wanted
+            return False
+        return any(map(self._is_late, starts)) or (is_task and self._is_awaited_task())
 
     def _is_late(self, start: _Start) -> bool:
         """Return True if what begins now may have been started before the last stop.
@@ -682,7 +690,7 @@ class MotionGate:
         same one if the set is repeated, about a second after the end.
         """
         is_same = self.wheel_owner.current_set() == self._stopped_set > 0
-        # the cancel takes effect, and then the next task begins
+        # once for the effect of the cancel, and once for the report of the next task
         return is_same and time.monotonic() < self._stop_answered + 2 * self.timing.effect
 
     async def _cancel_late_start(self) -> None:
@@ -691,20 +699,21 @@ class MotionGate:
         The cancels of the stop came too early, and had no effect on it.
         """
         _LOG.warning("what the last stop should have prevented has begun: cancelling it")
-        with contextlib.suppress(LinkError):  # the first report of a link comes before it is ready
+        with contextlib.suppress(LinkError):  # the RobotInfo of a handshake comes before `READY`
             await self._chassis.wait_ready(self.timing.effect)
         given = asyncio.get_running_loop().time()
         report = await self._send_stop(self.timing.effect)
-        self._stop_answered = time.monotonic()  # now the rest of a set may begin
-        self._keep_stop_while_lost()
+        self._stop_answered = time.monotonic()  # the next task of the set may begin from now on
+        self._extend_stop_over_loss()
         if not report.success:
             _LOG.error("%s", report.message)
         self._on_late_stop(report, given)
 
-    def _keep_stop_while_lost(self) -> None:
-        """Let the times after a stop count from the end of a loss of the link, within limits.
+    def _extend_stop_over_loss(self) -> None:
+        """If the link is lost soon after a stop, count the times after the stop from its return.
 
-        Without a link, the chassis cannot report what begins.
+        Without a link, the chassis cannot report what begins. Later than `_LONGEST_LOSS` after the
+        stop, nothing is cancelled any more.
         """
         now = time.monotonic()
         if self._chassis.state is not LinkState.READY:
@@ -719,7 +728,7 @@ class MotionGate:
 
         Commands that wait for the end of a stall may be read when the link is ready again.
         """
-        self._keep_stop_while_lost()
+        self._extend_stop_over_loss()
         if state is LinkState.STOPPED:
             self._stalls.stop()
         else:

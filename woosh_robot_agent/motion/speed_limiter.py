@@ -8,8 +8,6 @@ import math
 from collections.abc import Callable, Collection, Coroutine
 from typing import Any
 
-from google.protobuf.message import Message
-
 from woosh_robot_agent.link import ChassisClient, LinkError, LinkState, NotConnectedError
 from woosh_robot_agent.link.reports import LogOnce
 from woosh_robot_agent.motion.gate import AnsweredCommand, MotionGate
@@ -31,7 +29,7 @@ _RETRY_AFTER = 1.0
 """Time after which a limit that was not sent or not answered is sent again, in seconds."""
 _MOVE_BASE = MoveBase.DESCRIPTOR.name
 _ACTION = -1
-"""Stands for the action MoveBase in place of the id of a task."""
+"""Value of `_navigation` while the action MoveBase navigates; otherwise it is the id of a task."""
 
 
 class SpeedLimiter:
@@ -115,7 +113,7 @@ class SpeedLimiter:
     def _link_changed(self, state: LinkState) -> None:
         """Send the limit once the link is ready; without a link, no navigation is known."""
         if state is LinkState.READY:
-            self._send()  # the first RobotInfo comes before requests are possible
+            self._send()  # when the first RobotInfo came, no request was possible yet
         else:
             self._task_navigates = self._action_navigates = False
 
@@ -158,18 +156,17 @@ class SpeedLimiter:
             self._begin()
             self._send()
 
-    def _is_faster(self, message: Message) -> bool:
+    def _is_faster(self, message: Any) -> bool:
         """Return True if a command of a client has set a higher limit, or none."""
         if self._limit is None or self._limit == math.inf:
             return False
         is_action = isinstance(message, CallAction) and message.HasField("nav_mode")
         if not (is_action or isinstance(message, ChangeNavMode)):
             return False
-        # compare with a request, because the numbers of requests have 32 bits
-        own: Any = _limit_request(self._limit, in_action=is_action)
-        sent: Any = message
-        lowest = own.nav_mode.max_speed
-        return lowest > 0.0 and not 0.0 < sent.nav_mode.max_speed <= lowest
+        # both limits as in a request, whose numbers have 32 bits
+        request: Any = _limit_request(self._limit, in_action=is_action)
+        limit, sent = request.nav_mode.max_speed, message.nav_mode.max_speed
+        return limit > 0.0 and not 0.0 < sent <= limit
 
     def _begin(self) -> None:
         """Note that a navigation begins: a limit that was sent before must be sent again."""
@@ -211,7 +208,7 @@ class SpeedLimiter:
                 text = f"the speed limit was not sent or not answered: {error}"
                 self._log.warn(type(error).__name__, text)
             self._note_sent(_UNKNOWN)
-            # a driving robot may report nothing more
+            # by a timer, because a robot that just goes on driving reports nothing more
             if self._retry is not None:
                 self._retry.cancel()
             self._retry = asyncio.get_running_loop().call_later(_RETRY_AFTER, self._send)

@@ -7,9 +7,9 @@ import math
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any
 
-from woosh_robot_agent.link import SupersededError
+from woosh_robot_agent.link import Answer, SupersededError
 from woosh_robot_agent.link.tasks import run_with_timeout
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist
@@ -165,8 +165,6 @@ class StallWatch:
         self._timer = loop.call_at((now // _PERIOD + 1) * _PERIOD, self._beat, loop)
 
 
-T = TypeVar("T")
-
 _NEWER = Sentence("replaced by a newer velocity command")()
 _OLD = Sentence("it is {age} s old, and {limit} s are allowed")
 _UNANSWERED = Sentence(
@@ -175,7 +173,7 @@ _UNANSWERED = Sentence(
 )()
 
 
-class LatestWins(Generic[T]):
+class LatestWins:
     """Sends velocities at once while the chassis answers, and holds only the newest otherwise.
 
     A zero is never held back, and no older velocity overtakes it.
@@ -196,10 +194,10 @@ class LatestWins(Generic[T]):
     async def request(
         self,
         velocity: Twist,
-        send: Callable[[float], Awaitable[T]],
+        send: Callable[[float], Awaitable[Answer]],
         published: float,
         max_age: float = math.inf,
-    ) -> T:
+    ) -> Answer:
         """Send a velocity and wait for its answer.
 
         Args:
@@ -217,7 +215,7 @@ class LatestWins(Generic[T]):
         now = asyncio.get_running_loop().time
         moves = may_move(velocity)
         limit = min(max_age, self._timing().max_age)
-        if moves and (age := now() - published) > limit:  # must not replace a newer one
+        if moves and (age := now() - published) > limit:  # it must not replace a newer one
             old = _OLD(age=f"{age:.2f}", limit=f"{limit:g}")
             raise SupersededError(NOT_SENT(reason=old))
         self.withdraw(_NEWER)
@@ -241,7 +239,7 @@ class LatestWins(Generic[T]):
 
     def withdraw(self, reason: str) -> None:
         """Discard the velocity that is held back; its `request` fails for `reason`."""
-        self._newest += 1  # so that one that was released, and has not gone on yet, is not sent
+        self._newest += 1  # a velocity that was just released is not sent either
         if self._held is not None and not self._held.done():
             self._held.set_exception(SupersededError(NOT_SENT(reason=reason)))
 

@@ -258,8 +258,7 @@ class VelocityDriver:
             angular: turning speed, counter-clockwise, in rad/s.
             published: loop time (monotonic) at which the sender published it; by default now.
         """
-        values = (linear, sideways, angular)
-        moves = any(values)
+        moves = any((linear, sideways, angular))
         self.note_received(moves, published)
         limits = self._limits()
         try:
@@ -270,8 +269,8 @@ class VelocityDriver:
         now = asyncio.get_running_loop().time()
         published = min(published, now)
         if self._waiting is not None and self._owner:
-            # rule 2: the waiting velocity must not be sent any more. Drop it before rule 8 applies
-            # to a zero: the zero would be sent for it, and stop what drives the robot
+            # rule 2. Dropped here, because for a waiting velocity, rule 8 would let a zero be sent,
+            # which would stop what drives the robot
             self._waiting = None
         if reason := self._chassis.refusal(Twist()):  # rule 9
             if moves:
@@ -368,7 +367,7 @@ class VelocityDriver:
         """Return True if a zero would stop something."""
         if self._gate.driving or self._waiting is not None:
             return True
-        # the gate may hold a velocity back that it still has to send
+        # the gate may hold back a velocity that will be sent later
         return self._driving and bool(self._requests)
 
     def _due(self) -> float:
@@ -440,7 +439,7 @@ class VelocityDriver:
         """Forget the velocities when the link is lost."""
         if state is not LinkState.READY:
             self._waiting = None
-            # the gate knows of a velocity of another source
+            # `_gate.driving` is also True because of velocities that do not come from this stream
             self._needs_zero = self._needs_zero or self._driving or self._gate.driving
             self._driving = False
 

@@ -80,9 +80,9 @@ def is_held_up(task_proc: TaskProc) -> bool:
 class WheelOwner:
     """Tells which task or actions move the robot, by the chassis's reports.
 
-    It does not matter which client started them. Robots report the actions only when they change,
-    so each new link begins with a query. Until its answer, what was executing when the link was
-    lost counts as executing.
+    It does not matter which client started them. Robots report actions only when these change, so
+    each new link begins with a query. Until its answer, the actions that were executing when the
+    link was lost count as executing.
 
     Args:
         chassis: the link; used in its event loop only.
@@ -106,7 +106,7 @@ class WheelOwner:
         self._task = TaskProc()
         """The last report on a task."""
         self._task_ended = -math.inf
-        """Monotonic time of the report of its end."""
+        """Monotonic time at which the end of a task was last reported."""
         self._actions: set[str] = set()
         """Short names of the actions that are being executed."""
         self._reported: set[str] = set()
@@ -130,10 +130,10 @@ class WheelOwner:
         self._action_callbacks.append(callback)
 
     def on_known(self, callback: Callable[[Collection[str]], None]) -> None:
-        """Call `callback` once in each link, when the robot has told what it executes.
+        """Call `callback` once in each link, when the query of the actions has ended.
 
-        If it does not tell, those that were executing when the link was lost count as ended, and
-        the callback gets their short names.
+        If the robot did not tell what it executes, the actions that were executing when the link
+        was lost count as ended, and the callback gets their short names.
         """
         self._known_callbacks.append(callback)
 
@@ -167,12 +167,12 @@ class WheelOwner:
         return self.task_id // TASKS_PER_SET if is_current and not is_single else 0
 
     def task_ended(self, task_id: int) -> None:
-        """Note the end of a task of which no report has told, only an answer of the chassis."""
+        """Note the end of a task that the chassis has told in an answer, but not in a report."""
         if self._task.robot_task_id == task_id > 0:
             self._task_changed(TaskProc())
 
     def action_ended(self, name: str) -> None:
-        """Note the end of an action, by its short name, of which only an answer has told."""
+        """Note the end of an action, by its short name, that only an answer has told."""
         self._set_action(name, goes_on=False)
 
     def _snapshot(self, info: RobotInfo) -> None:
@@ -186,7 +186,7 @@ class WheelOwner:
     def _task_changed(self, report: TaskProc) -> None:
         """Note the state of the task; call `on_start` if it drives and did not before."""
         before, self._task = self._task, report
-        self.task_id = report.robot_task_id or self.task_id  # an empty report follows the end
+        self.task_id = report.robot_task_id or self.task_id  # after the end, one without id comes
         if is_unfinished(before) and not is_unfinished(report):
             self._task_ended = time.monotonic()
         self._update_name()
@@ -197,21 +197,19 @@ class WheelOwner:
             callback(report)
 
     def _actions_reported(self, reports: Feedbacks) -> None:
+        """Note which actions are being executed; call `on_start` for those that begin."""
         for report in reports.fbs:
             name = ACTIONS.get(report.action)
-            if name is not None:
-                self._reported.add(name)
-                self._action_reported(name, report.state)
-
-    def _action_reported(self, name: str, state: int) -> None:
-        """Note whether an action is being executed; call `on_start` if it begins."""
-        is_known = name in self._actions
-        if state not in EXECUTING:
-            self._set_action(name, goes_on=False)
-        elif is_known or state == kRosExecuting:
-            if not is_known:
+            if name is None:
+                continue
+            goes_on = report.state in EXECUTING
+            begins = goes_on and name not in self._actions
+            if begins and report.state != kRosExecuting:
+                continue  # a robot may report the other states after the end of the action
+            self._reported.add(name)
+            if begins:
                 self._on_start(name, name in _DRIVING_ACTIONS)
-            self._set_action(name, goes_on=True)
+            self._set_action(name, goes_on=goes_on)
 
     def _set_action(self, name: str, *, goes_on: bool) -> None:
         if goes_on:
@@ -223,7 +221,7 @@ class WheelOwner:
             callback(name, goes_on)
 
     def _link_changed(self, state: LinkState) -> None:
-        if state is LinkState.READY:  # the first RobotInfo, which has come, lacks the actions
+        if state is LinkState.READY:  # the RobotInfo of the handshake does not have the actions
             start_task(self._ask_actions(), "query of the actions")
         else:
             self._reported.clear()
@@ -231,7 +229,7 @@ class WheelOwner:
     async def _ask_actions(self) -> None:
         """Ask which actions the robot executes; without an answer, none counts as executing."""
         try:
-            # with `first`, it takes no place of the requests that clients may have in flight
+            # `first`: it does not count towards the `max_in_flight` of the clients' requests
             await self._chassis.request(Feedbacks(), first=True, tap=self._answered)
         except (ConnectionLostError, NotConnectedError):
             pass  # the next link begins with a query, too
@@ -243,20 +241,18 @@ class WheelOwner:
         self._note_known(answer.body if isinstance(answer.body, Feedbacks) and answer.ok else None)
 
     def _note_known(self, answer: Feedbacks | None) -> None:
-        """Take the actions of the answer in a new link; None if the robot does not tell them.
+        """Take the actions from the answer in a new link; None if the robot does not tell them.
 
-        A report in this link is newer: what has just begun may lack in the answer.
+        An action that was reported in this link is not taken: its report is newer than the answer.
         """
         before = self._actions - self._reported
-        answers = answer.fbs if answer is not None else ()
-        told = {ACTIONS.get(each.action, ""): each.state for each in answers}
-        for former in before:
-            if told.get(former) not in EXECUTING:
-                self._set_action(former, goes_on=False)
-            else:  # it may have been started again meanwhile
-                self._on_start(former, former in _DRIVING_ACTIONS)
-        for name in told.keys() - self._reported - {""}:
-            self._action_reported(name, told[name])
+        fbs = answer.fbs if answer is not None else ()
+        states = {ACTIONS[each.action]: each.state for each in fbs if each.action in ACTIONS}
+        for name in (before | states.keys()) - self._reported:
+            goes_on = states.get(name) in EXECUTING
+            if goes_on:  # also an action of the link before, which may have been started again
+                self._on_start(name, name in _DRIVING_ACTIONS)
+            self._set_action(name, goes_on=goes_on)
         for callback in self._known_callbacks:
             callback(before if answer is None else ())
 

@@ -262,24 +262,19 @@ def _certain(info: RobotInfo) -> Iterator[Objection]:
 
 def _failed_parts(hardware: HardwareState) -> Iterator[Objection]:
     """Yield an objection for each part that is reported as failed."""
-    for field, value in hardware.ListFields():
-        if field.enum_type is None:  # not the state of a part
-            continue
-        states = [value] if isinstance(value, int) else list(value)
-        for number, state in enumerate(states, start=1):
-            if state == HardwareState.kFatal:
-                part = field.name if len(states) == 1 else f"{field.name} {number}"
-                yield Objection(
-                    "hardware",
-                    f"a part of the robot has failed ({part})",
-                    "switch the robot off and on; if the failure remains, have it repaired",
-                )
+    for part, state in devices(hardware):
+        if state == HardwareState.kFatal:
+            yield Objection(
+                "hardware",
+                f"a part of the robot has failed ({part})",
+                "switch the robot off and on; if the failure remains, have it repaired",
+            )
 
 
 def devices(hardware: HardwareState) -> Iterator[tuple[str, int]]:
     """Yield each device and its `HardwareState.State`; devices of one kind are numbered from 1."""
     for descriptor in HardwareState.DESCRIPTOR.fields:
-        if descriptor.enum_type is None:
+        if descriptor.enum_type is None:  # not the state of a device
             continue
         value = getattr(hardware, descriptor.name)
         if isinstance(value, int):

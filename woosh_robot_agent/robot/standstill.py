@@ -114,8 +114,8 @@ _ANY_TASK = 0
 
 
 @dataclass
-class _Demand:
-    """The last command that should move the robot.
+class _ExpectedMotion:
+    """The motion that the last command should cause.
 
     Attributes:
         name: name of the command, for texts.
@@ -155,7 +155,7 @@ class Standstill:
     def __init__(self, chassis: ChassisClient, gate: MotionGate, last_known: LastKnown) -> None:
         self._chassis = chassis
         self._last_known = last_known
-        self._demand: _Demand | None = None
+        self._expected: _ExpectedMotion | None = None
         self._log = LogOnce(_LOG)
         self._log_cleared = -math.inf
         """Loop time at which the logged warnings were last forgotten, so that they may repeat."""
@@ -174,22 +174,22 @@ class Standstill:
     @property
     def warning(self) -> str:
         """The command that moves nothing, and the likely causes; empty if there is none."""
-        demand = self._demand
-        if demand is None or not demand.warned:
+        expected = self._expected
+        if expected is None or not expected.warned:
             return ""
-        if demand.is_velocity and asyncio.get_running_loop().time() - demand.last > KEPT:
+        if expected.is_velocity and asyncio.get_running_loop().time() - expected.last > KEPT:
             return ""
-        return self._text(demand)
+        return self._text(expected)
 
-    def _text(self, demand: _Demand) -> str:
+    def _text(self, expected: _ExpectedMotion) -> str:
         """Return the warning about a command."""
         causes = likely_causes(self._last_known.value(RobotInfo) or RobotInfo())
-        return _STANDS(command=demand.name, causes=causes)
+        return _STANDS(command=expected.name, causes=causes)
 
     # Commands
 
     def _answered(self, command: AnsweredCommand) -> None:
-        """Expect movement after an accepted command; none after a zero, a pause or a cancel."""
+        """Expect motion after an accepted command; none after a zero, a pause or a cancel."""
         message = command.message
         if not command.answer.ok or not commands_motion(message):
             return
@@ -198,8 +198,8 @@ class Standstill:
         if isinstance(message, Twist):
             if may_move(message):
                 self._velocity_accepted(command_name(command))
-            elif (demand := self._demand) and demand.is_velocity and not demand.warned:
-                self._demand = None  # a warning that was given remains until the robot moves
+            elif (expected := self._expected) and expected.is_velocity and not expected.warned:
+                self._expected = None  # a warning that was given remains until the robot moves
         elif takes_wheels(message) and not _may_stand(message):
             # an order to the running task is observed like the task
             kind = full_name(ExecTask) if isinstance(message, ActionOrder) else type_of(message)
@@ -207,135 +207,135 @@ class Standstill:
             ended = self._ends.get(task_id if kind in TASK_TYPES else kind, -math.inf)
             if ended >= command.requested:
                 return  # the task or action has ended already
-            demand = self._expect(command_name(command), kind, task_id)
+            expected = self._expect(command_name(command), kind, task_id)
             task = self._last_known.value(TaskProc) or TaskProc()
             if isinstance(message, ActionOrder) and is_held_up(task):
-                demand.since = None  # the order changes nothing, so no report may follow
+                expected.since = None  # the order changes nothing, so no report may follow
         elif not may_move(message):  # a pause or a cancel
             self._rest()
 
     def _velocity_accepted(self, name: str) -> None:
         """Expect the robot to move by a stream of velocities."""
         now = asyncio.get_running_loop().time()
-        demand = self._demand
-        if demand is None or not demand.is_velocity or now - demand.last > KEPT:
-            demand = self._expect(name, _VELOCITY)
-        demand.last = now
-        if demand.since is None:
-            self._start_timer(demand)
+        expected = self._expected
+        if expected is None or not expected.is_velocity or now - expected.last > KEPT:
+            expected = self._expect(name, _VELOCITY)
+        expected.last = now
+        if expected.since is None:
+            self._start_timer(expected)
 
-    def _expect(self, name: str, kind: str, task_id: int = 0) -> _Demand:
+    def _expect(self, name: str, kind: str, task_id: int = 0) -> _ExpectedMotion:
         """Expect the robot to move because of a command."""
         start = self._last_known.value(PoseSpeed) or PoseSpeed()
         now = asyncio.get_running_loop().time()
-        self._demand = _Demand(name, kind, task_id, start, since=None, last=now)
-        self._start_timer(self._demand)
-        return self._demand
+        self._expected = _ExpectedMotion(name, kind, task_id, start, since=None, last=now)
+        self._start_timer(self._expected)
+        return self._expected
 
     def _rest(self) -> None:
         """Expect no movement because of the commands given so far, and end their warning."""
         self._rested = asyncio.get_running_loop().time()
-        self._demand = None
+        self._expected = None
 
-    def _start_timer(self, demand: _Demand) -> None:
+    def _start_timer(self, expected: _ExpectedMotion) -> None:
         """Expect movement within `LIMIT` from now."""
         loop = asyncio.get_running_loop()
-        demand.since = loop.time()
-        loop.call_later(LIMIT, self._check, demand, demand.since)
+        expected.since = loop.time()
+        loop.call_later(LIMIT, self._check, expected, expected.since)
 
-    def _check(self, demand: _Demand, since: float) -> None:
+    def _check(self, expected: _ExpectedMotion, since: float) -> None:
         """Warn if the robot should have moved since a loop time, and has not."""
-        is_still_expected = demand is self._demand and demand.since == since
-        if not is_still_expected or demand.warned:
+        is_still_expected = expected is self._expected and expected.since == since
+        if not is_still_expected or expected.warned:
             return
-        if demand.is_velocity and self._chassis.refusal(Twist()):
-            self._demand = None  # the agent has stopped the robot, and only observes it
+        if expected.is_velocity and self._chassis.refusal(Twist()):
+            self._expected = None  # the agent has stopped the robot, and only observes it
             return
         now = asyncio.get_running_loop().time()
         if now - since > 1.5 * LIMIT:  # this process stood still, and has read no reports
-            self._start_timer(demand)
+            self._start_timer(expected)
             return
-        demand.warned = True
+        expected.warned = True
         if now - self._log_cleared > KEPT:
             self._log.clear()  # the same warning is logged again
             self._log_cleared = now
-        text = self._text(demand)
+        text = self._text(expected)
         self._log.warn(text, text)
 
     # Reports of the robot
 
     def _pose_pushed(self, body: Body) -> None:
         """End the observation, or start it anew for a stream, if the robot has moved."""
-        demand = self._demand
-        if demand is None:  # usually; then the body need not be decoded
+        expected = self._expected
+        if expected is None:  # usually; then the body need not be decoded
             return
         now = asyncio.get_running_loop().time()
-        if demand.is_velocity and demand.since is None and now - demand.last > LIMIT:
-            self._demand = None  # the stream has ended
+        if expected.is_velocity and expected.since is None and now - expected.last > LIMIT:
+            self._expected = None  # the stream has ended
             return
         pose: PoseSpeed = body.message()
         if not _is_finite(pose):
             return
-        if not _is_finite(demand.start):
-            demand.start = pose
-        if not _has_moved(demand.start, pose):
+        if not _is_finite(expected.start):
+            expected.start = pose
+        if not _has_moved(expected.start, pose):
             return
-        if demand.warned:
-            _LOG.info("the robot moves after %s", demand.name)
+        if expected.warned:
+            _LOG.info("the robot moves after %s", expected.name)
         self._log.clear()
-        if demand.is_velocity:  # later velocities of the stream may move nothing
-            demand.start, demand.since, demand.warned = pose, None, False
+        if expected.is_velocity:  # later velocities of the stream may move nothing
+            expected.start, expected.since, expected.warned = pose, None, False
         else:
-            self._demand = None
+            self._expected = None
 
     def _task_changed(self, report: TaskProc) -> None:
         """Note whether the task that is observed drives the robot now, or has ended."""
         if not is_unfinished(report):
             now = asyncio.get_running_loop().time()
             self._ends[report.robot_task_id] = self._ends[_ANY_TASK] = now
-        demand = self._demand
-        if demand is None or demand.type not in TASK_TYPES:
+        expected = self._expected
+        if expected is None or expected.type not in TASK_TYPES:
             return
         # a report without an id says that there is no task
-        if demand.task_id and report.robot_task_id not in (demand.task_id, 0):
+        if expected.task_id and report.robot_task_id not in (expected.task_id, 0):
             return
         if not is_unfinished(report):
-            has_its_id = demand.task_id and report.robot_task_id
+            has_its_id = expected.task_id and report.robot_task_id
             # before the task has begun, an end without its id is that of an earlier task
-            if demand.begun or has_its_id:
-                self._demand = None
+            if expected.begun or has_its_id:
+                self._expected = None
             return
-        demand.begun = True
+        expected.begun = True
         should_move = (
             report.state == task_pb2.kExecuting
             and report.action.type in _DRIVING_ACTIONS
             and report.action.state == action_pb2.kRosExecuting
         )
-        self._set_standing(demand, may_stand=not should_move)
+        self._set_standing(expected, may_stand=not should_move)
 
     def _action_reported(self, reports: Feedbacks) -> None:
         """Note whether the action that is observed drives the robot now, or has ended."""
         for report in reports.fbs:
             if report.state in ENDED:
                 self._ends[report.action] = asyncio.get_running_loop().time()
-            demand = self._demand
-            if demand is None or report.action != demand.type:
+            expected = self._expected
+            if expected is None or report.action != expected.type:
                 continue
             if report.state in (kRosExecuting, kRosPause):
-                self._set_standing(demand, may_stand=report.state == kRosPause)
+                self._set_standing(expected, may_stand=report.state == kRosPause)
             elif report.state in ENDED:
-                self._demand = None
+                self._expected = None
 
-    def _set_standing(self, demand: _Demand, *, may_stand: bool) -> None:
+    def _set_standing(self, expected: _ExpectedMotion, *, may_stand: bool) -> None:
         """Expect no movement, and end the warning, if the robot may stand; otherwise expect one."""
         if may_stand:
-            demand.since, demand.warned = None, False
-        elif demand.since is None:
-            self._start_timer(demand)
+            expected.since, expected.warned = None, False
+        elif expected.since is None:
+            self._start_timer(expected)
 
     def _link_changed(self, state: LinkState) -> None:
         if state is not LinkState.READY:
-            self._demand = None
+            self._expected = None
 
 
 def _is_finite(report: PoseSpeed) -> bool:

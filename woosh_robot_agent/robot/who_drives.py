@@ -168,7 +168,7 @@ class Interleaving:
         """
         if number is None or number in _UNNUMBERED:
             return False
-        if 1 != number <= self._last:
+        if number != 1 and number <= self._last:
             self._setbacks.append(now)
         self._last = number
         return len(self._setbacks) == 2 and now - self._setbacks[0] < WINDOW
@@ -371,13 +371,13 @@ class WhoDrives:
             self._follow = starter if message.type else _Starter()  # False ends the following
 
     def _update_rest(self) -> None:
-        """When the robot has rested, forget who started what had gone on before."""
+        """Note whether the robot rests; after a long rest, forget who started what ran before."""
         info, now = self._last_known.value(RobotInfo) or RobotInfo(), time.monotonic()
         # in other states, e.g. a fault, a task may go on
         if info.state not in _BUSY and not is_unfinished(info.task_proc):
             self._rests_since = min(self._rests_since, now)
             return
-        if now > self._rests_since + _BEGINS_WITHIN:  # otherwise a set of tasks may go on
+        if now > self._rests_since + _BEGINS_WITHIN:  # after a shorter rest, a set may go on
             if not self._follow.is_new:
                 self._follow = _Starter()
             for starters in (self._tasks, self._sets):
@@ -397,8 +397,8 @@ class WhoDrives:
         if number == self._task.robot_task_id:
             return
         self._task, self._began_unseen = task, unseen
-        is_own = self._without_id.is_new and not unseen and number not in self._tasks
-        if is_own and is_unfinished(task):  # no late report on an earlier task
+        fits = self._without_id.is_new and not unseen and number not in self._tasks
+        if fits and is_unfinished(task):  # otherwise it is a late report on an earlier task
             self._tasks[number] = self._without_id
             self._without_id = _Starter()
 

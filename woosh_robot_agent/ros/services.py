@@ -24,7 +24,7 @@ from woosh_robot_agent.link import (
 )
 from woosh_robot_agent.link.protos import full_name, message_type
 from woosh_robot_agent.link.reports import LogOnce
-from woosh_robot_agent.link.tasks import LARGE, aside, start_task
+from woosh_robot_agent.link.tasks import LARGE, offload, start_task
 from woosh_robot_agent.motion import Sender, Silence, UnusableVelocityError, VelocityLimits
 from woosh_robot_agent.motion.requests import may_move
 from woosh_robot_agent.motion.timeliness import SenderClock
@@ -147,7 +147,7 @@ class _QueryHandler:
         if self._converting is None or self._converting[0] is not last:
             # all calls that come while it is converted share the result
             task = start_task(
-                aside(self._convert.to_ros, last), name=f"convert {self._endpoint.name}"
+                offload(self._convert.to_ros, last), name=f"convert {self._endpoint.name}"
             )
             self._converting = (last, task)
             task.add_done_callback(self._conversion_ended)
@@ -316,7 +316,7 @@ class _VelocityHandler(_CommandHandler):
 async def _send(reply: Reply, response: Any, *, is_large: bool) -> None:
     """Send a response; a large one in the thread for large messages, so the link goes on."""
     if is_large:
-        await aside(reply.send, response)
+        await offload(reply.send, response)
     else:
         reply.send(response)
 
@@ -327,4 +327,4 @@ async def _read(convert: Converter, body: Body) -> Any:
     Raises:
         FrameError: the body cannot be read.
     """
-    return await aside(convert.read, body) if body.is_large else convert.read(body)
+    return await offload(convert.read, body) if body.is_large else convert.read(body)

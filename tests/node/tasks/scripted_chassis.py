@@ -150,7 +150,7 @@ class ScriptedChassis:
     async def _vanish(self) -> None:
         listener, self._listener = self._listener, None
         for client in list(self._clients):
-            while client.unsent:
+            while client.has_unsent:
                 await asyncio.sleep(0.001)
             client.drop()
         self._waiting.clear()

@@ -491,7 +491,7 @@ class JsonCodec:
         try:
             sn = _integer(frame.get("sn")) or 0
         except BAD_VALUE as error:
-            raise FrameError("envelope", f"sn is not an integer: {error}") from None
+            raise FrameError("envelope", f"sn cannot be read: {error}") from None
         timestamp, defect = _time(frame.get("timestamp"))
         type_name = frame.get("type")
         type_name = clip_type_name(_text(type_name)) if isinstance(type_name, str) else ""
@@ -530,24 +530,12 @@ def _check_parts(text: str | bytes) -> None:
 
 
 def _integer(value: Any) -> int | None:
-    """Return a number of the envelope, which may be written as text, as an integer.
-
-    Returns:
-        None if the number is left out or null.
+    """Return a number of the envelope; None if it is left out or null.
 
     Raises:
         ValueError, TypeError or OverflowError (`BAD_VALUE`): the value is not an integer.
     """
-    if value is None or type(value) is int:
-        return value
-    if isinstance(value, str) and len(value) > LONGEST_NUMBER:
-        raise ValueError("it is too long for a number")
-    if isinstance(value, bool):
-        raise TypeError("a boolean")
-    number = int(value)
-    if isinstance(value, float) and number != value:
-        raise ValueError("it has a fraction")
-    return number
+    return value if value is None or type(value) is int else _read_int(value)
 
 
 def _time(value: object) -> tuple[int | None, str]:
@@ -555,7 +543,7 @@ def _time(value: object) -> tuple[int | None, str]:
     try:
         time = _integer(value)
     except BAD_VALUE as error:
-        return None, f"timestamp is not an integer: {error}"
+        return None, f"timestamp cannot be read: {error}"
     if time is not None and not 0 <= time < _END_OF_TIME:
         return None, f"timestamp is out of range: {brief_repr(time)}"
     return time, ""

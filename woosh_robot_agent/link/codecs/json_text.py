@@ -30,7 +30,7 @@ _REPLACED = re.compile(rf"{_TOKEN}(\d+)")
 LONG_MESSAGE = _LONG // 4 * 3
 """Size of the smallest message that can have a long text, in bytes."""
 _SAMPLE = re.compile(r"[A-Za-z0-9+/_-]{64}")
-"""Start of a text that is cut out."""
+"""Start of a base64 text that is long enough to be cut out."""
 
 
 def read_base64(text: str) -> bytes:
@@ -119,7 +119,7 @@ def _text(frame: str | bytes, begin: int, end: int) -> str | None:
     sample = frame[begin : begin + 64]
     if not _SAMPLE.match(sample.decode("latin-1") if isinstance(sample, bytes) else sample):
         return None
-    # from `begin - 2`, the character before the mark: the mark itself may be escaped
+    # from the character before the first mark on, because the mark itself may be escaped
     if frame.find(backslash, max(0, begin - 2), end) >= 0:
         return None
     if isinstance(frame, str):
@@ -202,24 +202,24 @@ _SMALLEST_PIECE = 64
 _CUTS = 4
 """Maximum number of attempts to cut a piece of a list between two items."""
 _MAX_FAILED = 16
-"""Maximum total length of the pieces that are tried in vain, in lengths of the text."""
+"""Maximum total length of the pieces that cannot be parsed, as a multiple of the text's length."""
 
 
 def _after_space(text: str, at: int) -> int:
-    """Return the next place from `at` on that is no white space."""
+    """Return the next position, from `at` on, that is no white space."""
     found = _SPACE.match(text, at)
     return at if found is None else found.end()
 
 
 def _scan(text: str, at: int) -> tuple[Any, int]:
-    """Return the value that begins at a place of the text, and the place of its end."""
+    """Return the value that begins at a position in the text, and the position of its end."""
     return _DECODER.raw_decode(text, at)
 
 
 def _after_comma(text: str, at: int, closing: str) -> int:
-    """Return the place of the item after the comma, or of the closing bracket if no item follows.
+    """Return the position of the item after the comma, or of the closing bracket of the list.
 
-    `at` is the place where an item has ended.
+    `at` is the position where an item has ended.
     """
     at = _after_space(text, at)
     if text[at : at + 1] == ",":
@@ -234,31 +234,31 @@ def _after_comma(text: str, at: int, closing: str) -> int:
 class _Pieces:
     """Parser of a text in pieces.
 
-    A piece that was cut inside an item is tried in vain. A text that needs too many attempts has
+    A piece that was cut inside an item cannot be parsed. A text that needs too many attempts has
     its values parsed whole instead, so that the time is proportional to the length of any text.
     """
 
     def __init__(self, text: str) -> None:
         self._text = text
-        self._spare = _MAX_FAILED * len(text)
-        """Length of the pieces that may still be tried in vain, in characters."""
+        self._budget = _MAX_FAILED * len(text)
+        """Number of characters that failed attempts may still parse."""
 
     def value(self, at: int) -> tuple[Any, int]:
-        """Return the value that begins at a place of the text, and the place of its end."""
+        """Return the value that begins at a position in the text, and the position of its end."""
         text = self._text
         first = text[at : at + 1]
-        if first not in ("{", "[") or self._spare <= 0:
+        if first not in ("{", "[") or self._budget <= 0:
             return _scan(text, at)
         piece = text[at : at + _PIECE]
         try:
             value, length = _scan(piece, 0)
         except json.JSONDecodeError:  # it is longer than a piece, or no JSON
-            self._spare -= len(piece)
+            self._budget -= len(piece)
             return self._object(at) if first == "{" else self._list(at)
         return value, at + length
 
     def _object(self, at: int) -> tuple[dict[str, Any], int]:
-        """Return the object that begins at a place of the text, and the place of its end."""
+        """Return the object that begins at a position in the text, and the position of its end."""
         text = self._text
         found: dict[str, Any] = {}
         at = _after_space(text, at + 1)
@@ -274,7 +274,7 @@ class _Pieces:
         return found, at + 1
 
     def _list(self, at: int) -> tuple[list[Any], int]:
-        """Return the list that begins at a place of the text, and the place of its end."""
+        """Return the list that begins at a position in the text, and the position of its end."""
         text = self._text
         found: list[Any] = []
         at = _after_space(text, at + 1)
@@ -285,13 +285,13 @@ class _Pieces:
         return found, at + 1
 
     def _items(self, at: int) -> tuple[list[Any], int]:
-        """Return the next items of a list, at least one, and the place where the last item ends.
+        """Return the next items of a list, at least one, and the position where the last one ends.
 
         A piece is tried first, then half a piece, and so on. If none can be cut after an item, or
-        too much was tried in vain, one item is parsed alone.
+        `_budget` is used up, one item is parsed alone.
         """
         size = _PIECE
-        while size >= _SMALLEST_PIECE and self._spare > 0:
+        while size >= _SMALLEST_PIECE and self._budget > 0:
             items = self._cut(at, at + size)
             if items is None and size == _PIECE:  # it may hold the end of the list
                 items = self._rest(at, at + size)
@@ -302,7 +302,7 @@ class _Pieces:
         return [item], end
 
     def _cut(self, at: int, end: int) -> tuple[list[Any], int] | None:
-        """Return the items up to a comma before the place `end`, and the place of that comma.
+        """Return the items up to a comma before the position `end`, and the position of that comma.
 
         The last comma that seems to follow an item is tried first. If it is inside an item, the one
         before it is tried, and so on. Return None after `_CUTS` attempts, or without such a comma.
@@ -320,20 +320,20 @@ class _Pieces:
                 # this succeeds only if the cut is between two items
                 return json.loads(f"[{text[at:end]}]"), end
             except json.JSONDecodeError:
-                self._spare -= end - at
+                self._budget -= end - at
                 end -= len(closing) - 1  # search before this cut
         return None
 
     def _rest(self, at: int, end: int) -> tuple[list[Any], int] | None:
-        """Return the items up to the end of the list, and the place of its closing bracket.
+        """Return the items up to the end of the list, and the position of its closing bracket.
 
-        Return None if the list does not end before the place `end`, or is not JSON.
+        Return None if the list does not end before the position `end`, or is not JSON.
         """
         piece = self._text[at:end]
         try:
             items, length = _scan(f"[{piece}", 0)
         except json.JSONDecodeError:
-            self._spare -= len(piece)
+            self._budget -= len(piece)
             return None
         return items, at + length - 2  # `length` counts the added bracket and the closing one
 

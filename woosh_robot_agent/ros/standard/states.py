@@ -17,7 +17,7 @@ from std_msgs.msg import Bool
 
 from woosh_robot_agent.convert.cdr import HEADER_SIZE, serialize
 from woosh_robot_agent.link import Answer, LinkError, LinkState
-from woosh_robot_agent.link.tasks import LARGE, aside
+from woosh_robot_agent.link.tasks import LARGE, offload
 from woosh_robot_agent.pb.robot.robot_pb2 import Battery, Model, NavPath, RobotInfo
 from woosh_robot_agent.robot.last_known import is_part_of_info, parts_of
 from woosh_robot_agent.ros.standard.part import Part, PartContext
@@ -145,7 +145,7 @@ class _ValuePart(Part):
             last = self._last
             convert = self._convert_or_error
             is_large = last.ByteSize() >= LARGE
-            converted = await aside(convert, last) if is_large else convert(last)
+            converted = await offload(convert, last) if is_large else convert(last)
             if last is self._last:  # otherwise a push was published meanwhile
                 self._publish_converted(converted)
 

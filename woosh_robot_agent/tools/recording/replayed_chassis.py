@@ -277,7 +277,7 @@ class ReplayedChassis:
         """Wait until all frames for the clients have been sent, with a timeout."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + _FLUSH_TIMEOUT
-        while any(client.unsent for client in self._clients) and loop.time() < deadline:
+        while any(client.has_unsent for client in self._clients) and loop.time() < deadline:
             await asyncio.sleep(_FLUSH_CHECK_PERIOD)
 
     async def _go_offline(self) -> None:
