@@ -96,7 +96,7 @@ def wait_matched(client: Any) -> None:
     wait_until(lambda: sum(map(count, names)) >= len(TOPICS), "the agent's publishers")
 
 
-def test_late_subscribers_get_the_newest_messages(connect, client, push, simulator):
+def test_late_subscribers_get_the_newest_messages(connect, client, push):
     connect()
     for number in range(1, 61):
         push(StatusCode(code=number))
