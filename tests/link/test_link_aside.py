@@ -14,6 +14,7 @@ from google.protobuf.message import Message
 from tests.link.link_peer import TIMEOUT, Peer, answered, ask, eventually, linked, soon, turns
 from woosh_robot_agent.link import Body, LinkState, Sending, SupersededError
 from woosh_robot_agent.link.codecs import JSON
+from woosh_robot_agent.link.codecs.json_codec import JsonCodec
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.link.tasks import LARGE, offload
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
@@ -277,19 +278,17 @@ async def test_an_answer_that_a_newer_push_of_its_type_overtook_is_outdated(
         assert (await soon(asked)).is_outdated == is_outdated
 
 
-async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays() -> None:
+async def test_a_large_request_that_cannot_be_encoded_fails_and_the_link_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*_: Any, **__: Any) -> str:
+        raise ValueError("cannot be encoded")
+
     async with linked() as (_peer, client, wire):
-        connection = client._connection
-        assert connection is not None
-
-        class Broken:
-            def encode(self, *_: Any, **__: Any) -> str:
-                raise ValueError("cannot be encoded")
-
-        codec, connection._codec = connection._codec, Broken()  # type: ignore[assignment]
-        with pytest.raises(ValueError, match="cannot be encoded"):
-            await soon(client.request(Speak(text="z" * LARGE)))
-        connection._codec = codec
+        with monkeypatch.context() as patch:
+            patch.setattr(JsonCodec, "encode", fail)
+            with pytest.raises(ValueError, match="cannot be encoded"):
+                await soon(client.request(Speak(text="z" * LARGE)))
         assert (await answered(client.request(Speak()), wire)).ok
 
 

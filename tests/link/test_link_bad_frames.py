@@ -103,9 +103,7 @@ async def test_the_error_says_why_the_chassis_closed_the_connection(
             await soon(task)
 
 
-async def test_an_internal_error_ends_the_connection_but_not_the_client(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+async def test_an_internal_error_ends_the_connection_but_not_the_client() -> None:
     async with linked() as (peer, client, wire):
 
         def broken(_: object) -> None:

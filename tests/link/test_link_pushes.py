@@ -25,7 +25,7 @@ from tests.link.link_peer import (
     turns,
 )
 from woosh_robot_agent.link import ChassisClient
-from woosh_robot_agent.link.reports import DROPS_QUIET, LinkRecord, LogOnce
+from woosh_robot_agent.link.reports import LinkRecord
 from woosh_robot_agent.link.subscriptions import LATEST_DEPTH, PushQueue, Subscriptions
 from woosh_robot_agent.link.tasks import LARGE
 from woosh_robot_agent.pb.robot.robot_count_pb2 import StatusCode
@@ -273,18 +273,6 @@ async def test_dropped_pushes_are_counted_and_logged(caplog: pytest.LogCaptureFi
         assert client.stats.dropped_pushes[CODE]
     warnings = [each for each in caplog.records if each.levelno == logging.WARNING]
     assert len([each for each in warnings if CODE in each.getMessage()]) == 1
-
-
-def test_a_series_lasts_while_drops_come_and_the_next_is_logged_again(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drops = LogOnce(logging.getLogger("woosh_robot_agent.link"), DROPS_QUIET)
-    for now in (1.0, 3.0, 5.0, 9.0):
-        monkeypatch.setattr("time.monotonic", lambda now=now: now)
-        drops.warn("things", f"lost at {now}")
-    drops.warn("others", "others lost")
-    texts = [each.getMessage() for each in caplog.records if each.levelno == logging.WARNING]
-    assert texts == ["lost at 1.0", "lost at 9.0", "others lost"]
 
 
 # The queue

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from tests.link.link_peer import INFO, TIMEOUT, Frame, Peer, Wire, soon
+from tests.link.link_peer import INFO, TIMEOUT, Frame, Peer, Wire, eventually, soon, turns
 from tests.motion.moving import MOVING
 from woosh_robot_agent.link import ChassisClient
 from woosh_robot_agent.motion import MotionGate, MotionTiming
@@ -81,6 +81,13 @@ class Rig:
 
     def drive(self, speed: float, **options: Any) -> asyncio.Task[Any]:
         return asyncio.ensure_future(self.gate.request(Twist(linear=speed), **options))
+
+    async def tell(self, push: str, body: Frame) -> None:
+        """Let the chassis push a report, and wait until the gate has handled it."""
+        before = self.client.stats.rx
+        await self.wire.push(push, body)
+        await eventually(lambda: self.client.stats.rx > before)
+        await turns()
 
     async def second_wire(self) -> Wire:
         """Return the chassis's end of the second link, once it is ready."""

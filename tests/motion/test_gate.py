@@ -248,10 +248,7 @@ async def test_a_zero_that_is_refused_until_the_task_has_ended_is_sent_again_the
         return await (answer_all if ended else refuse)(wire, frame)
 
     async with gated(chassis, effect=NEVER) as rig:
-        before = rig.client.stats.rx
-        await rig.wire.push("woosh.robot.TaskProc", {**RUNNING, "state": state})
-        await eventually(lambda: rig.client.stats.rx > before)
-        await turns()
+        await rig.tell("woosh.robot.TaskProc", {**RUNNING, "state": state})
         stop = asyncio.ensure_future(rig.gate.stop(TIMEOUT))
         await eventually(lambda: len(types(rig.wire)) == ORDERS + 1)
         await turns()
@@ -287,10 +284,7 @@ async def test_a_stop_is_a_failure_if_the_chassis_refuses_to_cancel_what_moves(
 ) -> None:
     async with gated(refusing(lambda frame: not is_zero(frame)), effect=0.1) as rig:
         assert (await soon(rig.gate.stop(TIMEOUT))).success, "nothing was running"
-        before = rig.client.stats.rx
-        await rig.wire.push(reports, body)
-        await eventually(lambda: rig.client.stats.rx > before)
-        await turns()
+        await rig.tell(reports, body)
         report = await soon(rig.gate.stop(TIMEOUT))
         assert not report.success
         assert report.message.startswith(f"NOT STOPPED: cancel of {what}: Request failed; ")
@@ -538,10 +532,7 @@ async def test_a_start_after_a_stop_that_ended_one_before_it_began_is_not_cancel
 async def test_a_task_of_another_client_that_a_stop_did_not_reach_is_cancelled(again: bool) -> None:
     """The state of the robot shows that it has accepted a task, before the task begins."""
     async with gated(hold=0.0, effect=NEVER) as rig:
-        before = rig.client.stats.rx
-        await rig.wire.push("woosh.robot.RobotState", {"state": "kTask"})
-        await eventually(lambda: rig.client.stats.rx > before)
-        await turns()
+        await rig.tell("woosh.robot.RobotState", {"state": "kTask"})
         assert (await soon(rig.gate.stop(TIMEOUT))).success
         if again:
             for state in ("kIdle", "kTask"):
@@ -608,10 +599,7 @@ async def test_what_begins_during_a_loss_of_the_link_after_a_stop_is_cancelled(
         elif before == "a task of a set":
             await begins_uncancelled(rig, SET * 100 + 1)
         else:
-            received = rig.client.stats.rx
-            await rig.wire.push("woosh.robot.RobotState", {"state": "kTask"})
-            await eventually(lambda: rig.client.stats.rx > received)
-            await turns()
+            await rig.tell("woosh.robot.RobotState", {"state": "kTask"})
         await soon(rig.gate.stop(TIMEOUT))
         rig.peer.info = {"state": "kTask", **({"taskProc": running} if is_told_first else {})}
         rig.wire.abort()

@@ -9,7 +9,7 @@ import math
 import pytest
 
 from tests.link.link_peer import Frame, Wire, eventually, turns
-from tests.motion.gate_checks import FEEDBACKS, answer_all, feedback, gated, ok
+from tests.motion.gate_checks import FEEDBACKS, Rig, answer_all, feedback, gated, ok
 from woosh_robot_agent.motion import SpeedLimiter, speed_limiter
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ChangeNavMode
 from woosh_robot_agent.pb.ros.action_pb2 import MoveBase, NavigationMode, kExecute
@@ -26,6 +26,19 @@ def navigating(task_id: int) -> Frame:
     return {"robotTaskId": str(task_id), "state": "kExecuting", "action": action}
 
 
+def limits(wire: Wire) -> list[float]:
+    """Return the limits that the chassis has received, by a task or by an action, in m/s."""
+    bodies = [frame["body"] for frame in wire.seen if "navMode" in frame.get("body", ())]
+    return [round(body["navMode"].get("maxSpeed", 0.0), 3) for body in bodies]
+
+
+def limited(rig: Rig) -> SpeedLimiter:
+    """Return a limiter with a limit of 0.3 m/s."""
+    limiter = SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append)
+    limiter.limit(0.3)
+    return limiter
+
+
 async def test_a_removal_that_the_end_of_a_navigation_prevents_is_sent_in_the_next_one() -> None:
     """Otherwise the robot could stay slow for ever."""
 
@@ -35,10 +48,6 @@ async def test_a_removal_that_the_end_of_a_navigation_prevents_is_sent_in_the_ne
             await wire.answer(frame, ok=False, msg="not navigating")
             return True
         return await answer_all(wire, frame)
-
-    def limits(wire: Wire) -> list[float]:
-        sent = [frame["body"]["navMode"] for frame in wire.seen if frame["type"] == LIMIT]
-        return [round(mode.get("maxSpeed", 0.0), 3) for mode in sent]
 
     async with gated(script) as rig:
         limited: list[bool] = []
@@ -70,25 +79,21 @@ async def test_a_limit_that_was_not_answered_is_sent_again_during_the_same_drive
     monkeypatch.setattr(speed_limiter, "_RETRY_AFTER", 0.1)
 
     async def script(wire: Wire, frame: Frame) -> bool:
-        is_first = [each["type"] for each in wire.seen].count(LIMIT) == 1
-        return (frame["type"] == LIMIT and is_first) or await answer_all(wire, frame)
+        is_first = frame["type"] == LIMIT and limits(wire) == [0.3]
+        return is_first or await answer_all(wire, frame)
 
     async with gated(script, {"request_timeout": 0.1}) as rig:
-        limiter = SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append)
-        limiter.limit(0.3)
+        limited(rig)
         await rig.wire.push(TASK_PROC, navigating(7))
-        await eventually(lambda: [each["type"] for each in rig.wire.seen].count(LIMIT) == 2)
+        await eventually(lambda: limits(rig.wire) == [0.3, 0.3])
 
 
 async def test_a_task_that_is_repeated_with_the_same_id_gets_the_limit_again() -> None:
     async with gated() as rig:
-        limiter = SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append)
-        limiter.limit(0.3)
+        limited(rig)
         for count in (1, 2):
             await rig.wire.push(TASK_PROC, navigating(7))
-            await eventually(
-                lambda count=count: [each["type"] for each in rig.wire.seen].count(LIMIT) == count
-            )
+            await eventually(lambda count=count: limits(rig.wire) == [0.3] * count)
             await rig.wire.push(TASK_PROC, {"robotTaskId": "7", "state": "kCompleted"})
 
 
@@ -98,23 +103,21 @@ async def test_the_limit_waits_for_the_navigation_if_only_a_query_has_told_the_e
 ) -> None:
     """Before that, a real robot refuses it."""
 
-    def limits() -> list[str]:
-        return [frame["type"] for frame in rig.wire.seen if "navMode" in frame.get("body", ())]
-
     async with gated() as rig:
-        SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append).limit(0.3)
+        limited(rig)
         if earlier == "task":
             await rig.wire.push(TASK_PROC, navigating(7))
         else:
             await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
-        await eventually(lambda: len(limits()) == 1)
+        await eventually(lambda: limits(rig.wire) == [0.3])
         rig.gate.wheel_owner.task_ended(7)
         rig.gate.wheel_owner.action_ended("MoveBase")
         await ok(rig.gate.request(CallAction(move_base=MoveBase(action=kExecute))))
         await turns()
-        assert len(limits()) == 1
+        assert limits(rig.wire) == [0.3]
         await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
-        await eventually(lambda: limits()[1:] == [CallAction.DESCRIPTOR.full_name])
+        await eventually(lambda: limits(rig.wire) == [0.3, 0.3])
+        assert rig.wire.seen[-1]["type"] == CallAction.DESCRIPTOR.full_name
 
 
 @pytest.mark.parametrize("state", ["kRosExecuting", "kRosErrMsg"])
@@ -122,22 +125,19 @@ async def test_the_limit_waits_for_the_navigation_if_only_a_query_has_told_the_e
 async def test_a_navigation_that_goes_on_over_a_lost_link_gets_the_limit_again(
     state: str, is_pushed: bool
 ) -> None:
-    def limits(wire: Wire) -> int:
-        return sum("navMode" in frame.get("body", ()) for frame in wire.seen)
-
     async def script(wire: Wire, frame: Frame) -> bool:
         if frame["type"] == FEEDBACKS and is_pushed and len(wire.peer.wires) > 1:
             await wire.push(FEEDBACKS, feedback("MoveBase", state))
         return await answer_all(wire, frame)
 
     async with gated(script) as rig:
-        SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append).limit(0.3)
+        limited(rig)
         await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
-        await eventually(lambda: limits(rig.wire) == 1)
+        await eventually(lambda: limits(rig.wire) == [0.3])
         rig.actions = feedback("MoveBase", state)
         rig.wire.abort()
         again = await rig.second_wire()
-        await eventually(lambda: limits(again) == 1)
+        await eventually(lambda: limits(again) == [0.3])
 
 
 async def test_a_refusal_ends_with_the_navigation_of_the_action() -> None:
@@ -148,8 +148,7 @@ async def test_a_refusal_ends_with_the_navigation_of_the_action() -> None:
         return True
 
     async with gated(script) as rig:
-        limiter = SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append)
-        limiter.limit(0.3)
+        limiter = limited(rig)
         await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
         await eventually(lambda: limiter.refusal == "not now")
         await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosSuccess"))
@@ -162,8 +161,7 @@ async def test_a_limit_that_may_not_be_sent_is_logged_once(
     caplog.set_level(logging.DEBUG)
     async with gated() as rig:
         rig.client.permit_only(lambda _message: False, "nothing is sent")
-        limiter = SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append)
-        limiter.limit(0.3)
+        limited(rig)
         for number in (1, 2, 3):
             await rig.wire.push(TASK_PROC, navigating(number))
         await eventually(lambda: caplog.text.count("nothing is sent") >= 3)
@@ -174,14 +172,10 @@ async def test_a_limit_that_may_not_be_sent_is_logged_once(
 
 @pytest.mark.parametrize("of", ["task", "action"])
 async def test_it_is_sent_again_after_a_client_has_set_a_higher_speed_or_none(of: str) -> None:
-    def limits() -> list[float]:
-        bodies = [frame["body"] for frame in rig.wire.seen if "navMode" in frame.get("body", ())]
-        return [round(body["navMode"].get("maxSpeed", 0.0), 3) for body in bodies]
-
     async def check(sent: list[float]) -> None:
-        await eventually(lambda: limits() == sent)
+        await eventually(lambda: limits(rig.wire) == sent)
         await turns()
-        assert limits() == sent
+        assert limits(rig.wire) == sent
 
     def by_client(speed: float) -> CallAction | ChangeNavMode:
         if of == "action":
@@ -189,8 +183,7 @@ async def test_it_is_sent_again_after_a_client_has_set_a_higher_speed_or_none(of
         return ChangeNavMode(nav_mode=ModeSetting(max_speed=speed))
 
     async with gated() as rig:
-        limiter = SpeedLimiter(rig.client, rig.gate, asyncio.ensure_future, [].append)
-        limiter.limit(0.3)
+        limited(rig)
         if of == "action":
             await rig.wire.push(FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
         else:

@@ -281,8 +281,8 @@ def moving(message: Any) -> bool:
     return bool(message.twist.twist.linear.x or message.twist.twist.angular.z)
 
 
-def thin_out(simulator: SimulatorThread, period: float = 0.2) -> list[PoseSpeed]:
-    """Let the robot report once in a period while it moves; return the list of its reports."""
+def thin_out(simulator: SimulatorThread) -> list[PoseSpeed]:
+    """Let the robot report at 5 Hz while it moves; return the list of its reports."""
     chassis = simulator.call(lambda sim: sim.chassis)
     passed: list[PoseSpeed] = []
     last = [-math.inf]
@@ -290,7 +290,7 @@ def thin_out(simulator: SimulatorThread, period: float = 0.2) -> list[PoseSpeed]
     def pass_some(frame: Outgoing) -> list[Outgoing]:
         if frame.type != POSE_SPEED or frame.request:
             return [frame]
-        if chassis.base.moving and chassis.elapsed < last[0] + period - 1e-6:
+        if chassis.base.moving and chassis.elapsed < last[0] + 0.2 - 1e-6:
             return []
         last[0] = chassis.elapsed
         passed.append(frame.body)  # type: ignore[arg-type]

@@ -244,8 +244,8 @@ def test_arguments_that_ros_ignores_are_refused_with_the_right_way(
     """The agent would connect to a robot at the default address."""
     words = arguments.split()
     # at the end, so that an agent that starts nevertheless stays on this computer
-    own = agent._outside_ros_args([*words, "--ros-args", "-p", "ip:=127.0.0.1", "-p", "port:=1"])
-    assert agent._process_own_arguments(own) == 2
+    here = ["--ros-args", "-p", "ip:=127.0.0.1", "-p", "port:=1"]
+    assert agent._run([*words, *here], signals=None) == 2  # type: ignore[arg-type]
     first = words[0] if words[0] != "--ros-args" else "--ip"
     assert capsys.readouterr() == (
         "",

@@ -112,7 +112,7 @@ def test_a_reply_is_sent_once(logs):
     assert [record.levelname for record in logs.messages] == ["ERROR"]
 
 
-def test_an_error_while_sending_is_answered(logs):
+def test_an_error_while_sending_is_answered():
     error = OverflowError("large")
     sent: list[Any] = []
 

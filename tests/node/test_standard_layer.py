@@ -19,7 +19,6 @@ from woosh_robot_agent.parameters import PARTS, StandardSettings
 from woosh_robot_agent.ros.standard import diagnostics
 from woosh_robot_agent.ros.standard_endpoints import STANDARD, Kind
 
-TWIST = "woosh.robot.Twist"
 PART_OF = {
     "/tf": "tf",
     "/tf_static": "tf",

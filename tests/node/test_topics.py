@@ -89,15 +89,14 @@ def subscribed(simulator: Any) -> set[str]:
     return found
 
 
-def wait_matched(client: Any, topics: int = len(TOPICS)) -> None:
+def wait_matched(client: Any) -> None:
     """Wait until the client has discovered a publisher for each of its subscriptions."""
     names = [subscription.topic_name for subscription in client.node.subscriptions]
-    wait_until(
-        lambda: sum(map(client.node.count_publishers, names)) >= topics, "the agent's publishers"
-    )
+    count = client.node.count_publishers
+    wait_until(lambda: sum(map(count, names)) >= len(TOPICS), "the agent's publishers")
 
 
-def test_late_subscribers_get_the_newest_messages(connect, client, push, simulator):
+def test_late_subscribers_get_the_newest_messages(connect, client, push):
     connect()
     for number in range(1, 61):
         push(StatusCode(code=number))

@@ -11,8 +11,6 @@ import pytest
 from woosh_robot_agent.ros.standard.odometry import HORIZON, Prediction
 from woosh_robot_agent.ros.standard.poses import STANDSTILL, Pose2D, Velocity
 
-PERIOD = 0.204
-"""Time between two reports of a real robot, in seconds."""
 ROUND = Velocity(0.5, 0.0, 1.0)
 """Velocity on a circle with a radius of 0.5 m."""
 

@@ -64,7 +64,7 @@ runpy.run_module("woosh_robot_agent.{module_name}", run_name="__main__")
     ],
 )
 def test_a_program_that_needs_ros_tells_how_to_get_it(
-    module: str, program: str, arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    module: str, program: str, arguments: list[str], tmp_path: Path
 ) -> None:
     pytest.importorskip("rclpy")
     if program == "tools record":

@@ -144,11 +144,11 @@ class Robot:
         self.machine.drive_ended()
         return self.poll()
 
-    def finish(self, name: str, status: ActionStatus = ActionStatus.FINISHED) -> list[Command]:
-        """End an action that was commanded."""
+    def finish(self, name: str) -> list[Command]:
+        """Finish an action that was commanded."""
         assert name in [each.action.id for each in self.commands if isinstance(each, Perform)]
         self.machine.action_changed(name, ActionStatus.RUNNING)
-        self.machine.action_changed(name, status)
+        self.machine.action_changed(name, ActionStatus.FINISHED)
         return self.poll()
 
     @property

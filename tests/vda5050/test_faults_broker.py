@@ -72,17 +72,16 @@ async def test_a_broker_that_comes_later_is_found(
     assert caplog.text.count("check that the broker runs") == 1
 
 
+def connection_to(url: str) -> MqttConnection:
+    """A connection that reads orders, and was not begun."""
+    will, topics = Publication("will", "gone"), {"order": lambda payload, retained: None}
+    return MqttConnection(BrokerConfig.from_url(url), "1", lambda: will, topics, {}, lambda: None)
+
+
 async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
     site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
-    connection = MqttConnection(
-        BrokerConfig.from_url(site.broker.url),
-        "dying",
-        lambda: Publication("will", "gone"),
-        {"order": lambda payload, retained: None},
-        {},
-        lambda: None,
-    )
+    connection = connection_to(site.broker.url)
     running = asyncio.create_task(connection.run())
     for qos in (0, 1):
         await eventually(lambda: connection.connected)
@@ -99,14 +98,7 @@ async def test_a_broker_that_dies_while_messages_are_sent_leaves_no_traceback(
 
 
 async def test_a_connection_to_a_broker_that_hangs_can_be_ended(broker: Mosquitto) -> None:
-    connection = MqttConnection(
-        BrokerConfig.from_url(broker.url),
-        "hanging",
-        lambda: Publication("will", "gone"),
-        {"order": lambda payload, retained: None},
-        {},
-        lambda: None,
-    )
+    connection = connection_to(broker.url)
     running = asyncio.create_task(connection.run())
     await eventually(lambda: connection.connected)
     with broker.frozen():
@@ -132,12 +124,8 @@ async def test_a_connection_that_is_given_up_while_it_begins_is_closed() -> None
         ended.set()
 
     async with await asyncio.start_server(never_answer, "127.0.0.1", 0) as server:
-        port = server.sockets[0].getsockname()[1]
-        will = Publication("will", "gone")
-        connection = MqttConnection(
-            BrokerConfig("127.0.0.1", port), "1", lambda: will, {}, {}, print
-        )
-        running = asyncio.create_task(connection.run())
+        url = f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        running = asyncio.create_task(connection_to(url).run())
         await begun.wait()
         running.cancel()
         await asyncio.wait_for(ended.wait(), TIMEOUT)

@@ -94,31 +94,21 @@ async def test_a_repeated_order_is_answered_by_a_state(site: Site) -> None:
             assert master.state["errors"] == []
 
 
-async def test_a_rejection_hides_no_earlier_one(site: Site) -> None:
+async def test_a_rejection_hides_no_earlier_one_nor_those_of_instant_actions(site: Site) -> None:
     async with site.online() as master:
         for _ in range(2):
             master.order([node("a", 0, *START)], order_id="")
             await master.error("validationError")
         master.order([node("a", 0, 0.0, 0.0)], order_id="far")
         state = await master.error("noRouteError")
-        assert error_types(state) == ["validationError", "noRouteError"]
+        of_orders = ["validationError", "noRouteError"]
+        assert error_types(state) == of_orders
+        master.send_raw("instantActions", b"{")
+        await master.wait_state(lambda state: error_types(state) == [*of_orders, "validationError"])
+        master.instant(action("stateRequest", "1"))
+        assert error_types(await master.status("1", "FINISHED")) == of_orders
         master.order([node("a", 0, *START)])
         assert (await master.accepted())["errors"] == []
-
-
-async def test_the_errors_of_orders_and_of_instant_actions_do_not_hide_each_other(
-    site: Site,
-) -> None:
-    async with site.online() as master:
-        master.order([node("far", 0, START[0] + 3.0, START[1])])
-        await master.wait_state(lambda state: error_types(state) == ["noRouteError"])
-        master.send_raw("instantActions", b"{")
-        await master.wait_state(
-            lambda state: error_types(state) == ["noRouteError", "validationError"]
-        )
-        master.instant(action("stateRequest", "1"))
-        state = await master.status("1", "FINISHED")
-        assert error_types(state) == ["noRouteError"]
 
 
 async def test_retained_messages_of_the_master_control_are_ignored(

@@ -75,17 +75,6 @@ async def test_a_step_does_not_go_on_when_the_key_is_back_at_automatic(
         assert site.chassis.state.pose == before
 
 
-async def test_an_emergency_stop_is_reported_and_does_not_clear_the_order(site: Site) -> None:
-    async with site.online() as master:
-        await site.drive(master)
-        site.chassis.set_emergency_stop(True)
-        state = await master.wait_state(lambda state: state["safetyState"]["eStop"] == "MANUAL")
-        assert nodes_left(state) == "b"
-        site.chassis.set_emergency_stop(False)
-        await master.wait_state(lambda state: state["safetyState"]["eStop"] == "NONE")
-        assert site.chassis.counts[EXEC] == 1
-
-
 async def test_a_task_that_somebody_cancels_is_an_error_and_not_repeated(site: Site) -> None:
     async with site.online() as master:
         await site.drive(master)

@@ -215,11 +215,15 @@ def test_an_update_with_a_used_id_of_an_action_is_rejected() -> None:
     assert references(error)["actionId"] == "1"
 
 
-def test_an_update_of_a_cancelled_order_is_rejected() -> None:
-    robot = given(path("a", "b"))
+def test_a_cancelled_order_and_an_update_of_it_are_rejected() -> None:
+    """In version 2.1, the order is known, and ignored."""
+    order = path("a", "b")
+    robot = given(order)
     robot.machine.cancel()
     robot.poll()
-    assert robot.refuses(path("ab", update=1)).type == ErrorType.UPDATE_AFTER_CANCEL
+    for again in (order, path("ab", update=1)):
+        assert robot.refuses(again).type == ErrorType.UPDATE_AFTER_CANCEL
+    assert robot.machine.receive(order, is_3=False) is OrderKind.KNOWN
     robot.give(path("ab", order_id="next"))
 
 

@@ -8,6 +8,8 @@ import base64
 import hashlib
 import logging
 import os
+import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import chain
@@ -17,7 +19,6 @@ import pytest
 
 from tests.asynchronous import eventually
 from tests.vda5050.broker import Mosquitto, free_port, mosquitto_path
-from tests.vda5050.certificates import Authority, openssl_path
 from tests.vda5050.conftest import Site
 from tests.vda5050.master import Master
 from woosh_robot_agent.vda5050 import mqtt
@@ -36,6 +37,52 @@ pattern readwrite uagv/+/+/%u/connection
 pattern write uagv/+/+/%u/factsheet
 """
 """Rights of vehicles at a broker, each with its serial number as user name."""
+
+
+def openssl_path() -> str | None:
+    return shutil.which("openssl")
+
+
+class Authority:
+    """A certificate authority with its files in a folder.
+
+    Attributes:
+        certificate: its own certificate.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir()
+        self._folder = folder
+        self.certificate = folder / "ca.crt"
+        self._key = folder / "ca.key"
+        self.run(
+            *("req", "-x509", "-new", "-nodes", "-days", "2", "-subj", "/CN=test authority"),
+            *("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"),
+            *("-addext", "keyUsage=critical,keyCertSign,cRLSign"),
+            *("-keyout", self._key, "-out", self.certificate),
+        )
+
+    def issue(self, name: str) -> tuple[Path, Path]:
+        """Make a certificate for a name at 127.0.0.1; return its file and that of its key."""
+        certificate, key, request, extensions = (
+            self._folder / f"{name}.{suffix}" for suffix in ("crt", "key", "csr", "ext")
+        )
+        extensions.write_text("subjectAltName=IP:127.0.0.1\n")
+        self.run(
+            *("req", "-new", "-nodes", "-subj", f"/CN={name}", "-newkey", "ec"),
+            *("-pkeyopt", "ec_paramgen_curve:prime256v1", "-keyout", key, "-out", request),
+        )
+        self.run(
+            *("x509", "-req", "-days", "2", "-in", request, "-out", certificate),
+            *("-CA", self.certificate, "-CAkey", self._key, "-CAcreateserial"),
+            *("-extfile", extensions),
+        )
+        return certificate, key
+
+    def run(self, *arguments: object) -> None:
+        path = openssl_path()
+        assert path
+        subprocess.run([path, *map(str, arguments)], check=True, capture_output=True)
 
 
 def hashed(user: str, password: str) -> str:
@@ -114,9 +161,11 @@ def password_from_file(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
     return options(url, "--username", SERIAL, "--password-file", file)
 
 
-def tls_and_password_from_environment(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
-    url = f"mqtts://{SERIAL}@127.0.0.1:{broker.tls_port}"
-    ca = broker.authority.certificate
+def tls_and_password_from_environment(
+    broker: SecureMosquitto, folder: Path, host: str = "127.0.0.1", authority: Path | None = None
+) -> BrokerConfig:
+    url = f"mqtts://{SERIAL}@{host}:{broker.tls_port}"
+    ca = authority or broker.authority.certificate
     return options(url, "--ca-file", ca, VDA5050_PASSWORD=PASSWORD)
 
 
@@ -161,15 +210,12 @@ def refusals(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 
 def certificate_of_another_authority(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
-    url = f"mqtts://{SERIAL}@127.0.0.1:{broker.tls_port}"
-    ca = Authority(folder / "stranger").certificate
-    return options(url, "--ca-file", ca, VDA5050_PASSWORD=PASSWORD)
+    stranger = Authority(folder / "stranger").certificate
+    return tls_and_password_from_environment(broker, folder, authority=stranger)
 
 
 def certificate_of_another_name(broker: SecureMosquitto, folder: Path) -> BrokerConfig:
-    url = f"mqtts://{SERIAL}@localhost:{broker.tls_port}"
-    ca = broker.authority.certificate
-    return options(url, "--ca-file", ca, VDA5050_PASSWORD=PASSWORD)
+    return tls_and_password_from_environment(broker, folder, host="localhost")
 
 
 def no_client_certificate(broker: SecureMosquitto, folder: Path) -> BrokerConfig:

@@ -463,17 +463,6 @@ async def test_a_planned_path_is_that_of_the_order(site: Site) -> None:
     assert not [each for each in site.recorder.sent("state") if "plannedPath" in each]
 
 
-async def test_a_cancelled_order_that_is_sent_again_is_rejected(site: Site) -> None:
-    async with site.online(version=V3) as master:
-        nodes = [node("a", 0, *START), node("b", 2, 8.0, -7.5, released=False)]
-        master.order(nodes, _edges(nodes))
-        await master.accepted()
-        master.instant(action("cancelOrder", "c"))
-        await master.wait_state(lambda state: not state["nodeStates"])
-        master.order(nodes, _edges(nodes))
-        await master.error("ORDER_UPDATE_FOLLOWING_CANCEL")
-
-
 async def test_errors_last_as_long_as_the_standard_says(site: Site) -> None:
     async with site.online(version=V3) as master:
         master.instant(action("fly"), action("stateRequest"))
@@ -511,3 +500,5 @@ async def test_errors_last_as_long_as_the_standard_says(site: Site) -> None:
         master.instant(action("cancelOrder"))
         state = await master.wait_state(lambda state: not state["nodeStates"])
         assert error_types(state) == ["NODE_UNREACHABLE"]
+        master.order(nodes, _edges(nodes))  # the cancelled order again
+        await master.error("ORDER_UPDATE_FOLLOWING_CANCEL")

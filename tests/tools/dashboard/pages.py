@@ -137,7 +137,7 @@ class Page:
         self._commands = 0
         self.scans = 0
         self._changed = asyncio.Event()
-        self._reader = asyncio.ensure_future(self._read())
+        self.reader = asyncio.ensure_future(self._read())
 
     async def _read(self) -> None:
         async for message in self.socket:
@@ -276,7 +276,7 @@ async def page(
         try:
             yield opened
         finally:
-            opened._reader.cancel()
+            opened.reader.cancel()
 
 
 @asynccontextmanager
