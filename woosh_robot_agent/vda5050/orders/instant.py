@@ -118,7 +118,7 @@ class InstantActions:
         """Add commands to end the actions of `unfinished_before`."""
         for state in self.unfinished_before(action_id):
             action = Action(state.id, state.type)
-            self.commands.append(EndAction(action, "the order was cancelled"))
+            self.commands.append(EndAction(action, "cancelled by cancelOrder"))
 
     def receive(self, actions: Sequence[Action]) -> set[str]:
         """Begin instant actions; refuse those that are impossible or reuse an id wrongly.
