@@ -111,9 +111,9 @@ async def cancel_order(run: Run) -> None:
     instant = execution.instant
     # after a last action whose end is unknown, only the error is left of the order
     has_order = bool(order.busy or order.error or execution.has_leftovers)
-    if has_order and run.given.get("orderId", order.order_id) != order.order_id:
+    if has_order and run.parameters.get("orderId", order.order_id) != order.order_id:
         raise ActionFailedError(
-            _OTHER_ORDER(order=order.order_id, given=run.given["orderId"]),
+            _OTHER_ORDER(order=order.order_id, given=run.parameters["orderId"]),
             ErrorType.NO_ORDER_TO_CANCEL,
         )
     if has_order and not order.canceling:
@@ -182,7 +182,7 @@ async def log_report(run: Run) -> str:
     now = datetime.now(timezone.utc)
     content = {
         "time": now.isoformat(),
-        "reason": run.given["reason"],
+        "reason": run.parameters["reason"],
         "robot": _as_dict(info),
         "taskHistory": await _answer_or_reason(run, TaskHistory()),
         "statusCodes": await _answer_or_reason(run, StatusCodes()),

@@ -62,7 +62,7 @@ class Run:
         return self.execution.link
 
     @property
-    def given(self) -> Mapping[str, Any]:
+    def parameters(self) -> Mapping[str, Any]:
         """Values of the parameters, by key; their types have been checked."""
         return self.action.parameters
 
@@ -122,12 +122,10 @@ class Run:
             await self.link.conditions.wait(lambda: self._is_permitted)
 
     async def wait_for_tasks(self) -> None:
-        """Wait until the robot has left its last task and may begin one.
+        """Wait until the robot, which executes one task at a time, may begin the next one.
 
-        It may begin none while the vehicle is paused, or has a second connector.
-
-        The robot executes one task at a time. When this returns, begin the next task without
-        waiting for anything else.
+        It may not while the vehicle is paused, or has a second connector. When this returns, begin
+        the task without waiting for anything else.
 
         Raises:
             ActionFailedError: the robot drives along an order.

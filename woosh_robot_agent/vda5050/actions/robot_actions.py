@@ -66,7 +66,7 @@ async def start_charging(run: Run) -> None:
 
     Do nothing if the robot charges already.
     """
-    robot, mark = run.execution.robot, run.given.get(_STATION, "")
+    robot, mark = run.execution.robot, run.parameters.get(_STATION, "")
     await run.wait_for_tasks()
     if not (mark or robot.is_charging):
         mark = await _nearest_charger(run)
@@ -157,7 +157,7 @@ async def _carry(run: Run, mode: LiftControl.ExecuteMode, direction: task.Direct
     Returns:
         The robot's report on its lift; empty after a carry task.
     """
-    mark = run.given.get(_STATION)
+    mark = run.parameters.get(_STATION)
     if mark is None:
         return await run.call(LiftControl(execute_mode=mode))
     await run.wait_for_tasks()
@@ -214,8 +214,8 @@ async def lift_to(run: Run) -> str:
     return await run.call(
         LiftControl3(
             execute_mode=LiftControl3.kAbsolute,
-            height=run.given["height"],
-            speed=run.given.get("speed", 0.0),
+            height=run.parameters["height"],
+            speed=run.parameters.get("speed", 0.0),
         )
     )
 
@@ -239,8 +239,8 @@ async def lift_to(run: Run) -> str:
 async def step(run: Run) -> str:
     """Move the robot by a distance: straight, or sideways with `lateral`; then left is positive."""
     kind = StepControl.Step
-    mode = kind.kLateral if run.given.get("lateral", False) else kind.kStraight
-    return await _step(run, mode, run.given["distance"])
+    mode = kind.kLateral if run.parameters.get("lateral", False) else kind.kStraight
+    return await _step(run, mode, run.parameters["distance"])
 
 
 @vehicle_action(
@@ -260,11 +260,11 @@ async def step(run: Run) -> str:
 )
 async def rotate(run: Run) -> str:
     """Turn the robot on the spot by an angle."""
-    return await _step(run, StepControl.Step.kRotate, run.given["angle"])
+    return await _step(run, StepControl.Step.kRotate, run.parameters["angle"])
 
 
 async def _step(run: Run, mode: StepControl.Step.Mode, value: float) -> str:
-    step = StepControl.Step(mode=mode, value=value, speed=run.given.get("speed", 0.0))
+    step = StepControl.Step(mode=mode, value=value, speed=run.parameters.get("speed", 0.0))
     return await run.call(StepControl(steps=[step]))
 
 
@@ -276,7 +276,7 @@ async def _step(run: Run, mode: StepControl.Step.Mode, value: float) -> str:
 )
 async def speak(run: Run) -> None:
     """Say a text."""
-    await run.request(SpeakRequest(text=run.given["text"]))
+    await run.request(SpeakRequest(text=run.parameters["text"]))
 
 
 @vehicle_action(
@@ -287,4 +287,4 @@ async def speak(run: Run) -> None:
 )
 async def switch_footprint(run: Run) -> None:
     """Change the outline with which the robot avoids obstacles."""
-    await run.request(SwitchFootPrint(type=_FOOTPRINTS[run.given["footprint"]]))
+    await run.request(SwitchFootPrint(type=_FOOTPRINTS[run.parameters["footprint"]]))

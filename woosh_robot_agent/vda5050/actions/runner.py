@@ -122,17 +122,17 @@ class ActionRunner:
     def _end_motion(self, reason: str) -> None:
         """End the actions that move something: people have stopped the robot, or may have.
 
-        Otherwise it might begin them at once, or go on with them in automatic mode.
+        Otherwise the robot might begin them at once, or go on with them in automatic mode.
         """
         for action in (*self._waiting.values(), *self._execution.active.values()):
             if ACTIONS[action.type].type.pausable:
                 self._end(action, reason)
 
     def _end_forgotten(self) -> None:
-        """End the instant actions that have not begun on a robot that has gone.
+        """End the instant actions that have not begun if the link was lost for long.
 
         Otherwise they might begin when the robot is switched on hours later: move something, or set
-        a position that is not right any more. It is the same if this computer was suspended.
+        a position that is not right any more. The same holds after a suspension of this computer.
         """
         execution, gate = self._execution, self._execution.link.gate
         before, self._stall_ended = self._stall_ended, gate.stall_ended
@@ -178,10 +178,10 @@ class ActionRunner:
     def _start(self, action: Action) -> None:
         running = self._execution.link.background.start(self._run(action))
         self._tasks[action.id] = running
-        running.add_done_callback(lambda task: self._done(action, task))
+        running.add_done_callback(lambda task: self._task_done(action, task))
 
-    def _done(self, action: Action, task: asyncio.Task[None]) -> None:
-        """Let an action fail if its task was cancelled."""
+    def _task_done(self, action: Action, task: asyncio.Task[None]) -> None:
+        """Let an action fail if its task was cancelled; `_run` has stored any other end."""
         if self._tasks.get(action.id) is task:
             self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, ""))
 

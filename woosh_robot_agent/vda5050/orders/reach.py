@@ -277,10 +277,9 @@ class Route:
             self._actions.trigger_node(self.last_node)
 
     def _is_far_from(self, node: Node) -> bool:
-        """Return True if the vehicle is so far from a node that its actions would be misplaced.
+        """Return True if the vehicle is too far from a node for the actions of the node.
 
-        It is if the distance exceeds the permitted deviation plus the way that a vehicle drives
-        between two reports.
+        Too far is more than the permitted deviation plus the way between two reports.
         """
         place, here = node.position, self.position
         if place is None or here is None:
@@ -298,7 +297,7 @@ class Route:
         self._actions.trigger_edge(self.edges[0])
 
     def begin_leg(self, leg: Leg) -> None:
-        """Note that the vehicle begins to drive a leg."""
+        """Make a leg the one that the vehicle drives."""
         self.leg = leg
         self._is_unconfirmed = False  # the place was checked after a loss of the link
 
@@ -341,10 +340,7 @@ class Route:
         return math.dist(curve_points(trajectory)[0], self.position.point)
 
     def _measure_from_here(self) -> None:
-        """Measure the driven distance from the current position, because `last_node` was set.
-
-        The robot need not confirm the drive any more, so `_is_unconfirmed` ends.
-        """
+        """Measure the driven distance from the current position, because `last_node` was set."""
         self.driven, self._estimated_way, self._reached_at = 0.0, 0.0, self.position
         self._is_unconfirmed = False
 

@@ -105,7 +105,6 @@ _LOG = logging.getLogger(__name__)
 _LEAVES_WITHIN = 3.0
 """Maximum time from the end of a task to the report that the robot has left it, in seconds."""
 _THE_TASK = Sentence("the task")
-_RESTARTED = Sentence("the connector was restarted before it sent the task")
 _OTHER_ACTION = Sentence("the robot executes the task of another action")
 _END_REASONS = {
     task.kCompleted: "",
@@ -167,7 +166,7 @@ class TaskRunner:
 
     @property
     def is_late(self) -> bool:
-        """True while the current task is one that was given up; it is being cancelled."""
+        """True while a task that began after it was given up is being cancelled."""
         return self.id == self._given_up != 0
 
     def start(self, request: ExecTask) -> None:
@@ -182,15 +181,12 @@ class TaskRunner:
         """Take over a task that was started before a restart of the program.
 
         Args:
-            task_id: id of the task; 0 if its start was not sent: then `on_end` is called at once.
+            task_id: id of the task.
             info: the first report of the robot.
         """
         self._set_current(task_id)
-        if task_id:
-            self._snapshot(info)
-            self._link.background.start(self._check(task_id))
-        else:
-            self._on_end(_RESTARTED())
+        self._snapshot(info)
+        self._link.background.start(self._check(task_id))
 
     def want(self, control: Control) -> None:
         """Pause, resume or cancel the task as soon as possible; do nothing without a task.
@@ -278,7 +274,7 @@ class TaskRunner:
             self._link.changed()
 
     def _task_told(self, report: TaskProc) -> None:
-        """Clear `foreign_id` after an end of which only an answer has told."""
+        """Clear `foreign_id` after an end that is known only from an answer."""
         if self.foreign_id and not report.robot_task_id:
             ended = TaskProc(robot_task_id=self.foreign_id, state=task.kCompleted)
             self._update_foreign_id(ended)
@@ -333,7 +329,7 @@ class TaskRunner:
         deadline = math.inf
         while task_id == self.id:
             try:
-                await self._link.chassis.wait_ready(self._link.timing.ask_every)
+                await self._link.wait_ready()
                 is_current = await self._ask_current(task_id)
                 if is_current or await self._ask_history(task_id):
                     return
