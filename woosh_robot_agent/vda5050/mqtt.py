@@ -539,8 +539,11 @@ def broker_config(
     if broker.password_file is not None and not broker.password_file.is_file():
         # e.g. a pipe, which can be read only once
         broker = replace(broker, password=password, password_file=None)
-    files = {"--ca-file": options.ca_file, "--cert-file": options.cert_file}
-    files["--key-file"] = options.key_file
+    files = {
+        "--ca-file": options.ca_file,
+        "--cert-file": options.cert_file,
+        "--key-file": options.key_file,
+    }
     given = [name for name, path in files.items() if path is not None]
     if given and not broker.tls:
         raise ValueError(f"{given[0]} needs TLS: begin the URL of the broker with mqtts://")

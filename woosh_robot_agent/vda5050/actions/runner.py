@@ -86,8 +86,8 @@ class ActionRunner:
         self._log_folder = log_folder
         self._waiting: dict[str, Action] = {}
         """Actions that have not started, by id, in the order in which they must start."""
-        self._tasks: dict[str, asyncio.Task[None]] = {}
-        """Tasks of the actions that run, by id."""
+        self._running: dict[str, asyncio.Task[None]] = {}
+        """The asyncio tasks of the actions that run, by id."""
         self._end_reasons: dict[str, str] = {}
         """Reasons why actions are being ended, by id."""
         self._stall_ended = -math.inf
@@ -114,10 +114,10 @@ class ActionRunner:
             self._execution.action_changed(action.id, ActionStatus.FAILED, reason)
         elif not ACTIONS[action.type].type.pausable:
             return
-        elif action.id in self._tasks and action.id not in self._end_reasons:
+        elif action.id in self._running and action.id not in self._end_reasons:
             # once: a second cancellation would end the wait for the robot's end of the action
             self._end_reasons[action.id] = reason
-            self._tasks[action.id].cancel()
+            self._running[action.id].cancel()
 
     def _end_motion(self, reason: str) -> None:
         """End the actions that move something: people have stopped the robot, or may have.
@@ -177,12 +177,12 @@ class ActionRunner:
 
     def _start(self, action: Action) -> None:
         running = self._execution.link.background.start(self._run(action))
-        self._tasks[action.id] = running
+        self._running[action.id] = running
         running.add_done_callback(lambda task: self._task_done(action, task))
 
     def _task_done(self, action: Action, task: asyncio.Task[None]) -> None:
         """Let an action fail if its task was cancelled; `_run` has stored any other end."""
-        if self._tasks.get(action.id) is task:
+        if self._running.get(action.id) is task:
             self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, ""))
 
     async def _run(self, action: Action) -> None:
@@ -223,7 +223,7 @@ class ActionRunner:
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
         """Forget an action that has ended, and store its final status and result."""
         self._execution.active.pop(action.id, None)
-        self._tasks.pop(action.id, None)
+        self._running.pop(action.id, None)
         self._end_reasons.pop(action.id, None)
         # when the connector ends, the robot goes on, and the action must not count as ended
         if not self._execution.link.is_closing:

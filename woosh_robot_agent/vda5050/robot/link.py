@@ -72,16 +72,15 @@ class Conditions:
 
     async def wait(self, condition: Callable[[], bool], timeout: float | None = None) -> bool:
         """Wait until a condition holds; return False if this takes more than `timeout` seconds."""
-        if condition():
-            return True
-        holds = asyncio.get_running_loop().create_future()
-        self._waiting[holds] = condition
-        try:
-            await (holds if timeout is None else run_with_timeout(timeout, holds))
-        except TimeoutError:
-            return False
-        finally:
-            del self._waiting[holds]
+        while not condition():  # also checked after a wait: it may not hold any more
+            holds = asyncio.get_running_loop().create_future()
+            self._waiting[holds] = condition
+            try:
+                await (holds if timeout is None else run_with_timeout(timeout, holds))
+            except TimeoutError:
+                return False
+            finally:
+                del self._waiting[holds]
         return True
 
     def check(self) -> None:
