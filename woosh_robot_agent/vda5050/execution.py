@@ -186,7 +186,7 @@ class Execution:
     @property
     def _is_driven_otherwise(self) -> bool:
         """True if something other than the order and the vehicle's actions drives the robot."""
-        if self.order.driving or self.drive.id:  # without an order: a task that began too late
+        if self.order.driving or self.drive.id:  # without a leg: a task that began too late
             return False
         info = self.robot.info
         if info is not None and info.state == robot.kFollowing:  # it follows a person

@@ -339,7 +339,7 @@ class OrderMachine:
             reason: why the drive did not reach the goal of the leg; empty if it did.
         """
         route = self.route
-        if route.leg is None or self.canceling:
+        if route.leg is None or self.canceling:  # without a leg: a drive that began too late
             route.leg = None
         elif reason:
             route.leg = None

@@ -209,12 +209,13 @@ class Route:
         self.driven = None if self.driven is None else self.driven + step
 
     def arrive(self) -> None:
-        """Reach the goal of the leg: its drive has ended without a failure."""
-        leg, self.leg = self.leg, None
-        while leg is not None and self.last_node is not leg.goal:
-            self._reach(passing=self.nodes[0] is not leg.goal)
-            if self.last_node is not leg.goal:
-                self.enter_edge()
+        """Reach the rest of the leg: its drive has ended without a failure."""
+        assert self.leg is not None
+        goal, self.leg = self.leg.goal, None
+        while self.nodes[0] is not goal:
+            self._reach(passing=True)
+            self.enter_edge()
+        self._reach()
 
     def _count_passed(self, here: Position, edges: Iterable[Edge], nodes: Iterable[Node]) -> int:
         """Return how many of the next nodes of the leg the vehicle has passed by its last move.
