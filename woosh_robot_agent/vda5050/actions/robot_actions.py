@@ -59,7 +59,7 @@ _CHARGE_TIMEOUT = 30.0
         must_be=NOT_EMPTY,
     ),
     blocking=STANDSTILL,
-    pausable=True,
+    moves=True,
 )
 async def start_charging(run: Run) -> None:
     """Dock at a charger and charge, by a task of the robot that continues after this action.
@@ -104,7 +104,7 @@ async def _nearest_charger(run: Run) -> str:
     NOT_ON_EDGES,
     "end charging; the robot may back out of the charger",
     blocking=STANDSTILL,
-    pausable=True,
+    moves=True,
 )
 async def stop_charging(run: Run) -> None:
     """Cancel the charging task; if the robot goes on charging, let it back out of the charger."""
@@ -168,9 +168,9 @@ async def _carry(run: Run, mode: LiftControl.ExecuteMode, direction: task.Direct
 
 
 pick, drop = (
-    vehicle_action(
-        name, ON_NODES, description, *_LOAD_PARAMETERS, blocking=STANDSTILL, pausable=True
-    )(partial(_carry, mode=mode, direction=direction))
+    vehicle_action(name, ON_NODES, description, *_LOAD_PARAMETERS, blocking=STANDSTILL, moves=True)(
+        partial(_carry, mode=mode, direction=direction)
+    )
     for name, description, mode, direction in (
         ("pick", "take up a load by raising the lift", LiftControl.kUp, task.kFeeding),
         ("drop", "put down the load by lowering the lift", LiftControl.kDown, task.kCutting),
@@ -207,7 +207,7 @@ _FOOTPRINTS = {
     ),
     number("speed", "speed, in m/s; the robot's own if missing", 0.001, optional=True),
     result="report of the robot",
-    pausable=True,
+    moves=True,
 )
 async def lift_to(run: Run) -> str:
     """Move the lift to a height."""
@@ -234,7 +234,7 @@ async def lift_to(run: Run) -> str:
     ParameterType("lateral", "BOOL", "true to move left; only on some robots", optional=True),
     result="report of the robot",
     blocking=STANDSTILL,
-    pausable=True,
+    moves=True,
 )
 async def step(run: Run) -> str:
     """Move the robot by a distance: straight, or sideways with `lateral`; then left is positive."""
@@ -256,7 +256,7 @@ async def step(run: Run) -> str:
     number("speed", "turn rate, in rad/s; the robot's own if missing", _MIN_SPEED, optional=True),
     result="report of the robot",
     blocking=STANDSTILL,
-    pausable=True,
+    moves=True,
 )
 async def rotate(run: Run) -> str:
     """Turn the robot on the spot by an angle."""

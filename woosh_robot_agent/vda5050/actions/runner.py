@@ -112,7 +112,7 @@ class ActionRunner:
         """
         if self._waiting.pop(action.id, None) is not None:
             self._execution.action_changed(action.id, ActionStatus.FAILED, reason)
-        elif not ACTIONS[action.type].type.pausable:
+        elif not ACTIONS[action.type].type.moves:
             return
         elif action.id in self._running and action.id not in self._end_reasons:
             # once: a second cancellation would end the wait for the robot's end of the action
@@ -125,7 +125,7 @@ class ActionRunner:
         Otherwise the robot might begin them at once, or go on with them in automatic mode.
         """
         for action in (*self._waiting.values(), *self._execution.active.values()):
-            if ACTIONS[action.type].type.pausable:
+            if ACTIONS[action.type].type.moves:
                 self._end(action, reason)
 
     def _end_forgotten(self) -> None:
@@ -165,7 +165,7 @@ class ActionRunner:
         if execution.link.is_closing or not execution.may_act:
             return
         if execution.pause_wanted:  # an action that moves something waits, with all behind it
-            waiting = takewhile(lambda each: not ACTIONS[each.type].type.pausable, waiting)
+            waiting = takewhile(lambda each: not ACTIONS[each.type].type.moves, waiting)
         active = execution.active
         count = count_startable(waiting, active.values(), driving=execution.is_driving)
         for action in list(islice(self._waiting.values(), count)):
@@ -194,7 +194,7 @@ class ActionRunner:
         definition = ACTIONS[action.type]
         run = Run(action, report, self._execution, self._reports, self._log_folder)
         try:
-            if definition.type.pausable:
+            if definition.type.moves:
                 await run.wait_until_permitted()
                 report(ActionStatus.INITIALIZING)  # RUNNING once the robot has accepted it
             else:

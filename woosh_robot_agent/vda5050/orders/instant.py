@@ -240,7 +240,7 @@ class InstantActions:
         if kind.controls_vehicle:  # it ignores its blockingType
             self.commands.append(Perform(action, at_once=True))
             return
-        if kind.pausable:
+        if kind.moves:
             self.last_motion = action.id
         # any type is accepted (version 3.0 has only NONE), but this action needs a standstill
         if action.blocking not in kind.blocking:
