@@ -185,8 +185,9 @@ def errors() -> str:
     ][1:]  # without the docstring of the class
     rows = []
     for kind, text in zip(ErrorType, texts, strict=True):
-        names = f"`{V2_1.error_type(kind.value)}`", f"`{V3_0.error_type(kind.value)}`"
-        rows.append((*names, " ".join(str(text).removesuffix(".").split())))
+        names = (version.error_type(kind.value) for version in (V2_1, V3_0))
+        cells = (f"`{name}`" if name else "none" for name in names)
+        rows.append((*cells, " ".join(str(text).removesuffix(".").split())))
     return table(("2.1", "3.0", "When"), rows)
 
 

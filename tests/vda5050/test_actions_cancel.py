@@ -8,7 +8,7 @@ from tests.asynchronous import eventually
 from tests.quick_chassis import set_speed
 from tests.vda5050.chassis_events import commands
 from tests.vda5050.conftest import Site
-from tests.vda5050.master import START, Message, action, node, status_of
+from tests.vda5050.master import START, Message, action, error_types, node, status_of
 from woosh_robot_agent.link.protos import full_name
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import InitRobot, SwitchMap
 
@@ -17,17 +17,23 @@ WAITS = [node("a", 0, *START), node("b", 2, 8.0, -7.5, released=False)]
 PLACE: Message = {"x": 6.0, "y": -7.0, "theta": 0.0, "mapId": "wooshmap"}
 
 
-async def test_cancelling_an_order_stops_an_instant_action_that_moves_the_robot(site: Site) -> None:
+@pytest.mark.parametrize("has_order", [True, False])
+async def test_cancelling_an_order_stops_an_instant_action_that_moves_the_robot(
+    site: Site, has_order: bool
+) -> None:
+    """Even if there is no order, although `cancelOrder` fails then."""
     async with site.online() as master:
-        master.order(WAITS)
-        await master.accepted()
+        if has_order:
+            master.order(WAITS)
+            await master.accepted()
         set_speed(site.chassis, 1.0)
         master.instant(action("step", "step", distance=5.0, speed=0.1))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
         master.instant(action("cancelOrder", "c"))
-        cancelled = await master.status("c", "FINISHED")
+        cancelled = await master.status("c", "FINISHED" if has_order else "FAILED")
         assert status_of(cancelled, "step") == "FAILED"
         assert site.chassis.state.velocity.speed == 0.0
+        assert ("noOrderToCancel" in error_types(cancelled)) is not has_order
     assert commands(site.chassis) == ["step_control execute", "step_control cancel"]
 
 

@@ -25,7 +25,7 @@ from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.simulator import SimulatedChassis
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
-from woosh_robot_agent.vda5050.robot import calls
+from woosh_robot_agent.vda5050.robot.link import Timing
 
 
 async def test_an_order_waits_until_its_charging_task_has_ended(site: Site) -> None:
@@ -337,11 +337,9 @@ async def test_an_order_does_not_go_on_after_a_blocking_action_whose_end_is_unkn
 
 
 async def test_the_error_of_a_last_action_whose_end_is_unknown_can_be_cancelled(
-    site: Site, monkeypatch: pytest.MonkeyPatch
+    site: Site,
 ) -> None:
-    monkeypatch.setattr(calls, "_ASK_EVERY", 0.2)
-    monkeypatch.setattr(calls, "_REPORT_AFTER", 0.5)
-    async with site.online() as master:
+    async with site.online(timing=Timing(ask_every=0.2, give_up_after=0.5)) as master:
         step = action("step", "step", distance=1.0, speed=0.02)
         set_speed(site.chassis, 1.0)
         master.order([node("a", 0, *START, actions=[step])])

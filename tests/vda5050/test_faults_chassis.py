@@ -46,7 +46,6 @@ from woosh_robot_agent.simulator import SimulatedChassis, SimulatorThread
 from woosh_robot_agent.simulator.serving.exchange import Outgoing
 from woosh_robot_agent.simulator.world.geometry import Pose
 from woosh_robot_agent.vda5050.actions import runner
-from woosh_robot_agent.vda5050.robot import calls, tasks
 from woosh_robot_agent.vda5050.robot.link import Timing
 
 FEEDBACKS = "woosh.ros.Feedbacks"
@@ -284,12 +283,8 @@ def hide_tasks(
     return chassis.intercept(without_tasks)
 
 
-@pytest.fixture
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Vehicles ask the robot often, and give up soon what the robot does not know."""
-    for module in (tasks, calls):
-        for name, seconds in (("_CHECK_EVERY", 0.3), ("_ASK_EVERY", 0.2), ("_REPORT_AFTER", 0.5)):
-            monkeypatch.setattr(module, name, seconds)
+IMPATIENT = Timing(check_every=0.3, ask_every=0.2, give_up_after=0.5)
+"""For a vehicle that asks the robot often, and soon gives up what the robot does not know."""
 
 
 async def next_order(site: Site, master: Master, *, answers: bool) -> None:
@@ -310,10 +305,10 @@ async def next_order(site: Site, master: Master, *, answers: bool) -> None:
 
 @pytest.mark.parametrize("answers", [True, False])
 async def test_a_task_that_the_robot_drops_without_a_report_is_an_error_and_nothing_waits_for_it(
-    site: Site, impatient: None, answers: bool
+    site: Site, answers: bool
 ) -> None:
     """Even if the robot does not tell its state for some time."""
-    async with site.online(request_timeout=1.0) as master:
+    async with site.online(request_timeout=1.0, timing=IMPATIENT) as master:
         await site.drive(master)
         show = hide_tasks(site.chassis)
         if not answers:
@@ -344,9 +339,7 @@ def lose_ends(chassis: SimulatorThread) -> None:
 
 
 @pytest.mark.parametrize("kind", ["step", "pick"])
-async def test_no_drive_waits_for_what_has_ended_without_a_report(
-    site: Site, impatient: None, kind: str
-) -> None:
+async def test_no_drive_waits_for_what_has_ended_without_a_report(site: Site, kind: str) -> None:
     """Neither for a drive, nor for a task or step of an action.
 
     The speed limit of the next drive waits for this drive: a real robot would refuse it before.
@@ -356,7 +349,7 @@ async def test_no_drive_waits_for_what_has_ended_without_a_report(
         "step": action("step", "work", distance=0.2),
         "pick": action("pick", "work", stationName="U5"),
     }[kind]
-    async with site.online() as master:
+    async with site.online(timing=IMPATIENT) as master:
         nodes = [
             node("a", 0, *START),
             node("b", 2, 2.0, -7.0, actions=[work]),
@@ -370,14 +363,14 @@ async def test_no_drive_waits_for_what_has_ended_without_a_report(
 
 
 async def test_an_obstacle_does_not_outlast_a_task_that_has_ended_without_a_report(
-    site: Site, impatient: None
+    site: Site,
 ) -> None:
 
     def without_other_pushes(frame: Outgoing) -> list[Outgoing]:
         is_other = isinstance(frame.body, TaskProc) and frame.body != blocked
         return [] if is_other and not frame.is_answer else [frame]
 
-    async with site.online() as master:
+    async with site.online(timing=IMPATIENT) as master:
         await site.drive(master)
         blocked = TaskProc()
         blocked.CopyFrom(site.chassis.call(lambda each: each.chassis.tasks.reported))
@@ -390,8 +383,8 @@ async def test_an_obstacle_does_not_outlast_a_task_that_has_ended_without_a_repo
         assert ended["errors"] == []
 
 
-async def test_a_task_of_which_only_pushes_tell_goes_on(site: Site, impatient: None) -> None:
-    async with site.online() as master:
+async def test_a_task_of_which_only_pushes_tell_goes_on(site: Site) -> None:
+    async with site.online(timing=IMPATIENT) as master:
         hide_tasks(site.chassis, pushes=False)
         await site.drive(master, then=0.02)
         asked = site.chassis.counts[full_name(TaskHistory)]
@@ -403,9 +396,9 @@ async def test_a_task_of_which_only_pushes_tell_goes_on(site: Site, impatient: N
 
 
 async def test_a_cancelled_order_ends_though_the_robot_stays_in_a_task_that_it_does_not_name(
-    site: Site, impatient: None
+    site: Site,
 ) -> None:
-    async with site.online(timing=Timing(repeat_after=0.3)) as master:
+    async with site.online(timing=replace(IMPATIENT, repeat_after=0.3)) as master:
         hide_tasks(site.chassis, state=robot_pb2.kTask)
         await site.drive(master)
         asked = site.chassis.counts[full_name(TaskHistory)]
@@ -423,10 +416,9 @@ async def test_a_cancelled_order_ends_though_the_robot_stays_in_a_task_that_it_d
 
 
 async def test_a_task_that_the_robot_begins_too_late_is_cancelled(
-    site: Site, monkeypatch: pytest.MonkeyPatch
+    site: Site,
 ) -> None:
-    monkeypatch.setattr(tasks, "_CHECK_EVERY", 0.5)
-    async with site.online() as master:
+    async with site.online(timing=Timing(check_every=0.5)) as master:
         show = hide_tasks(site.chassis)
         await site.drive(master, then=0.02)
         await master.error("drivingError")
@@ -465,10 +457,10 @@ async def test_a_pause_does_not_hit_a_foreign_task_if_the_robot_refuses_to_tell_
 
 @pytest.mark.parametrize("is_drive", [False, True])
 async def test_no_action_begins_a_task_while_one_that_began_too_late_is_cancelled(
-    site: Site, impatient: None, is_drive: bool
+    site: Site, is_drive: bool
 ) -> None:
     site.stand_at_charger()
-    async with site.online() as master:
+    async with site.online(timing=IMPATIENT) as master:
         show = hide_tasks(site.chassis)
         set_speed(site.chassis, 0.02)
         if is_drive:
@@ -511,9 +503,9 @@ def hide_actions(chassis: SimulatorThread, answer: Feedbacks, *, pushes: bool = 
 
 @pytest.mark.parametrize("begun", [True, False])
 async def test_an_action_that_the_robot_drops_without_a_report_fails(
-    site: Site, impatient: None, begun: bool
+    site: Site, begun: bool
 ) -> None:
-    async with site.online() as master:
+    async with site.online(timing=IMPATIENT) as master:
         if not begun:
             hide_actions(site.chassis, Feedbacks())
         master.instant(action("step", "step", distance=1.0, speed=0.02))
@@ -527,10 +519,10 @@ async def test_an_action_that_the_robot_drops_without_a_report_fails(
 
 @pytest.mark.parametrize("answers", [True, False])
 async def test_no_order_waits_for_an_action_that_the_robot_has_dropped_without_a_report(
-    site: Site, impatient: None, answers: bool
+    site: Site, answers: bool
 ) -> None:
     """Even if it does not answer its cancellation for some time."""
-    timing = Timing(minimum_timeouts={})
+    timing = replace(IMPATIENT, minimum_timeouts={})
     async with site.online(request_timeout=1.0, timing=timing) as master:
         step = action("step", "step", distance=1.0, speed=0.02)
         master.order([node("a", 0, *START, actions=[step]), node("b", 2, 8.0, -7.0)])
@@ -546,11 +538,9 @@ async def test_no_order_waits_for_an_action_that_the_robot_has_dropped_without_a
         await next_order(site, master, answers=answers)
 
 
-async def test_the_cancel_of_an_action_of_unknown_end_goes_on_after_a_lost_link(
-    site: Site, impatient: None
-) -> None:
+async def test_the_cancel_of_an_action_of_unknown_end_goes_on_after_a_lost_link(site: Site) -> None:
     set_speed(site.chassis, 1.0)
-    timing = Timing(minimum_timeouts={})
+    timing = replace(IMPATIENT, minimum_timeouts={})
     async with site.online(request_timeout=1.0, timing=timing) as master:
         master.instant(action("step", "step", distance=1.0, speed=0.02))
         await eventually(lambda: site.chassis.state.velocity.speed > 0.0)
@@ -565,8 +555,8 @@ async def test_the_cancel_of_an_action_of_unknown_end_goes_on_after_a_lost_link(
         await eventually(lambda: commands(site.chassis)[sent:] == ["step_control cancel"])
 
 
-async def test_an_action_of_which_only_pushes_tell_goes_on(site: Site, impatient: None) -> None:
-    async with site.online() as master:
+async def test_an_action_of_which_only_pushes_tell_goes_on(site: Site) -> None:
+    async with site.online(timing=IMPATIENT) as master:
         hide_actions(site.chassis, Feedbacks(), pushes=False)
         set_speed(site.chassis, 1.0)
         master.instant(action("step", "step", distance=0.5, speed=0.02))
@@ -576,10 +566,8 @@ async def test_an_action_of_which_only_pushes_tell_goes_on(site: Site, impatient
         await master.status("step", "FINISHED")
 
 
-async def test_a_cancelled_order_ends_though_the_robot_never_names_its_action(
-    site: Site, impatient: None
-) -> None:
-    async with site.online(timing=Timing(repeat_after=0.3)) as master:
+async def test_a_cancelled_order_ends_though_the_robot_never_names_its_action(site: Site) -> None:
+    async with site.online(timing=replace(IMPATIENT, repeat_after=0.3)) as master:
         hide_actions(site.chassis, Feedbacks(), pushes=False)
         set_speed(site.chassis, 1.0)
         step = action("step", "step", distance=1.0, speed=0.02)
@@ -596,9 +584,11 @@ async def test_a_cancelled_order_ends_though_the_robot_never_names_its_action(
 
 
 async def test_a_cancelled_order_ends_though_the_robot_answers_nothing_about_its_action(
-    site: Site, impatient: None
+    site: Site,
 ) -> None:
-    async with site.online(request_timeout=1.0, timing=Timing(minimum_timeouts={})) as master:
+    async with site.online(
+        request_timeout=1.0, timing=replace(IMPATIENT, minimum_timeouts={})
+    ) as master:
         hide_actions(site.chassis, Feedbacks())
         site.chassis.mute(full_name(CallAction))
         step = action("step", "step", distance=1.0, speed=0.02)
@@ -621,7 +611,7 @@ async def test_the_end_of_an_earlier_action_does_not_end_the_next_one(site: Site
 
 
 async def test_the_end_of_an_action_before_the_start_of_the_vehicle_ends_no_action(
-    site: Site, impatient: None
+    site: Site,
 ) -> None:
     async with site.other_client() as other:
         command = StepControl(action=action_pb2.kExecute)
@@ -631,7 +621,7 @@ async def test_the_end_of_an_action_before_the_start_of_the_vehicle_ends_no_acti
         await eventually(
             lambda: kRosSuccess in [each.state for each in list(actions.last.values())]
         )
-    async with site.online() as master:
+    async with site.online(timing=IMPATIENT) as master:
         hide_actions(site.chassis, Feedbacks(fbs=actions.last.values()))
         master.instant(action("step", "step", distance=1.0, speed=0.02))
         await eventually(lambda: status_of(master.state, "step") in ("FINISHED", "FAILED"))

@@ -11,8 +11,8 @@ from woosh_robot_agent.vda5050.messages.geometry import curve_defect, curve_poin
 from woosh_robot_agent.vda5050.messages.order import ControlPoint, Trajectory
 
 
-def curve(degree: float, knots: list[float], *points: tuple[float, ...]) -> Trajectory:
-    return Trajectory(degree, tuple(knots), tuple(ControlPoint(*each) for each in points))  # type: ignore[arg-type]
+def curve(degree: int, knots: list[float], *points: tuple[float, ...]) -> Trajectory:
+    return Trajectory(degree, tuple(knots), tuple(ControlPoint(*each) for each in points))
 
 
 QUARTER = curve(2, [0, 0, 0, 1, 1, 1], (1, 0), (1, 1, math.sqrt(0.5)), (0, 1))
@@ -61,12 +61,10 @@ def test_a_curve_of_many_control_points_has_few_points(degree: int) -> None:
         (curve(3, [0, 0, 1, 1, 1], (0, 0), (1, 0)), "at least 4 control points: 2"),
         (curve(300, [0.0] * 12_301, *[(0, 0)] * 12_000), "its degree is above 5: 300"),
         (curve(1, [0.0] * 602, *[(0, 0)] * 600), "more than 500 control points: 600"),
-        (curve(1.5, [0, 0, 1, 1], (0, 0), (1, 0)), "positive integer: 1.5"),
         (curve(1, [0, 1, 0.5, 1], (0, 0), (1, 0)), "knots decrease"),
         (curve(1, [0, 0, 0, 0], (0, 0), (1, 0)), "all equal"),
         (curve(1, [0, 0, 1, 1], (0, 0, 0.0), (1, 0)), "a weight is below"),
         (curve(2, [0, 0, 0, 1, 1, 1], *[(x, 0, 5e-324) for x in range(3)]), "a weight is below"),
-        (curve(1, [0, 0, 1, 1], (0, math.nan), (1, 0)), "not finite"),
         (curve(1, [0, 0, 1, 1], (1, 2), (1, 2)), "has no length"),
         # the knots leave only the first two points to the curve
         (curve(1, [0, 0, 1, 1, 1], (1, 2), (1, 2), (3, 2)), "has no length"),

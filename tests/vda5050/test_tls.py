@@ -320,6 +320,8 @@ def test_the_documented_rights_are_those_of_the_tests() -> None:
         (["mqtts://host", "--ca-file", "/none/ca.crt"], {}, "No such file"),
         (["mqtts://host", "--key-file", "k"], {}, "--key-file needs --cert-file"),
         (["mqtts://host", "--cert-file", "/none/c"], {}, "No such file"),
+        # the client certificate first, because a bad one must not cost the time for the authorities
+        (["mqtts://host", "--ca-file", "/none/a", "--cert-file", "/none/c"], {}, "in /none/c with"),
         (["mqtt://host"], {"VDA5050_PASSWORD": "x"}, "needs a user name"),
         (["mqtt://u@host", "--password-file", "/none/p"], {}, "No such file"),
         (["mqtt://u@host", "--password-file", os.devnull], {}, "no password in"),

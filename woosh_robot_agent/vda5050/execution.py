@@ -186,7 +186,7 @@ class Execution:
     @property
     def _is_driven_otherwise(self) -> bool:
         """True if something other than the order and the vehicle's actions drives the robot."""
-        if self.order.driving or self.drive.id:  # without an order: a task that began too late
+        if self.order.driving or self.drive.id:  # without a leg: a task that began too late
             return False
         info = self.robot.info
         if info is not None and info.state == robot.kFollowing:  # it follows a person
@@ -207,7 +207,7 @@ class Execution:
 
     @property
     def _may_be_moved_by_action(self) -> bool:
-        """True while an action runs that needs a standing robot, because it may move the robot."""
+        """True while an action runs that needs a standing robot: such an action may move it."""
         kinds = (self.types.get(each.type) for each in self.active.values())
         return any(kind is not None and kind.blocking == STANDSTILL for kind in kinds)
 
@@ -279,7 +279,7 @@ class Execution:
     def update_position(self) -> None:
         """Give the position of the robot to the order; do nothing while it is unknown.
 
-        In version 3, the drive waits meanwhile, also if the robot reports a place that is not sure.
+        In version 3, hold the drive while the position is unknown or the robot is not sure of it.
         In mode MANUAL, also forget the last node once the robot has left it.
         """
         if self.version.is_3 and not self._is_located:
@@ -303,13 +303,21 @@ class Execution:
         Also cancel what was started before a restart, and forget the last node. In mode MANUAL, the
         robot may still stand on that node; `update_position` forgets it once the robot has left it.
         """
-        if self.robot.status is not None and not self.robot.is_automatic:
-            mode = self.robot.status.mode
-            self.cancel_leftovers()
-            self._clear(_MODE(mode=mode.value), "send a new order in mode AUTOMATIC")
-            # a busy order needs its last node until it has ended
-            if mode is not OperatingMode.MANUAL and not self.order.busy:
-                self.order.set_last_node("")
+        if self.robot.status is None or self.robot.is_automatic:
+            return
+        mode, order = self.robot.status.mode, self.order
+        self.cancel_leftovers()
+        if order.busy and not order.canceling:
+            reason = _CLEARED(order=order.order_id, cause=_MODE(mode=mode.value))
+            _LOG.warning("%s", reason)
+            hint = "send a new order in mode AUTOMATIC"
+            self.report_order_error(
+                warning(ErrorType.INTERRUPTED, reason, hint, orderId=order.order_id)
+            )
+            order.cancel(reason)
+        # a busy order needs its last node until it has ended
+        if mode is not OperatingMode.MANUAL and not order.busy:
+            order.set_last_node("")
 
     def set_pause_wanted(self, wanted: bool) -> None:
         """Pause or resume the order and all actions; idempotent."""
@@ -355,17 +363,6 @@ class Execution:
         if self.version.is_3 and error is not None and error.type == ErrorType.DRIVING.value:
             self.report_order_error(error)
         self.order.cancel()
-
-    def _clear(self, cause: str, hint: str) -> None:
-        """Cancel the order, and report the cause; without an order to cancel, do nothing."""
-        if not self.order.busy or self.order.canceling:
-            return
-        order_id = self.order.order_id
-        reason = _CLEARED(order=order_id, cause=cause)
-        _LOG.warning("%s", reason)
-        error = warning(ErrorType.INTERRUPTED, reason, hint, orderId=order_id)
-        self.report_order_error(error)
-        self.order.cancel(reason)
 
     def _speed_refused(self, reason: str) -> None:
         _LOG.error("the drive is cancelled: %s", reason)

@@ -137,8 +137,11 @@ class OrderCheck:
             knows_maps: False if it may have more maps.
         """
         position = node.position
-        is_missing = position is None or position.map_id not in maps
-        if is_missing and not (self.knows_marks if position is None else knows_maps):
+        if position is None:
+            is_unread = not self.knows_marks  # the robot may have a mark of this number
+        else:
+            is_unread = position.map_id not in maps and not knows_maps
+        if is_unread:
             raise self._error(
                 ErrorType.ORDER, NOT_READ(), "send the order again later", nodeId=node.id
             )
@@ -245,7 +248,7 @@ class Intake:
     def take_order(self, payload: bytes) -> None:
         """Accept or reject an order; ignore one that the vehicle has already."""
         execution, is_3 = self._execution, self._version.is_3
-        # version 3 demands an error for a cancelled one
+        # in version 3, a cancelled order that is sent again is an error
         may_repeat = not (is_3 and execution.order.is_cancelled)
         # not parsed: a master control may repeat a large order often
         if may_repeat and payload == self._payload:

@@ -539,8 +539,11 @@ def broker_config(
     if broker.password_file is not None and not broker.password_file.is_file():
         # e.g. a pipe, which can be read only once
         broker = replace(broker, password=password, password_file=None)
-    files = {"--ca-file": options.ca_file, "--cert-file": options.cert_file}
-    files["--key-file"] = options.key_file
+    files = {
+        "--ca-file": options.ca_file,
+        "--cert-file": options.cert_file,
+        "--key-file": options.key_file,
+    }
     given = [name for name, path in files.items() if path is not None]
     if given and not broker.tls:
         raise ValueError(f"{given[0]} needs TLS: begin the URL of the broker with mqtts://")
@@ -564,7 +567,8 @@ def _tls(
 ) -> ssl.SSLContext:
     """Return TLS settings with the given files; without `ca_file`, the system's authorities count.
 
-    To load those takes up to 0.2 s, so the settings are kept until a file has changed.
+    To load the authorities takes up to 0.3 s, in which no vehicle does anything. So the settings
+    are kept until a file has changed, and a client certificate that cannot be used fails before.
 
     Raises:
         LoginFileError: a file cannot be used.
@@ -575,12 +579,7 @@ def _tls(
             "the private key is encrypted; decrypt it, and protect its file instead"
         )
 
-    try:
-        context = ssl.create_default_context(cafile=ca_file)
-    except OSError as error:
-        raise LoginFileError(
-            f"cannot use the certificates in {ca_file}: {_reason(error)}"
-        ) from None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)  # checks the certificate and the host name
     if cert_file is not None:
         try:
             context.load_cert_chain(cert_file, key_file, password=no_password)
@@ -589,6 +588,15 @@ def _tls(
                 f"cannot use the certificate in {cert_file} with the key in "
                 f"{key_file or cert_file}: {_reason(error)}"
             ) from None
+    if ca_file is None:
+        context.load_default_certs()
+        return context
+    try:
+        context.load_verify_locations(ca_file)
+    except OSError as error:
+        raise LoginFileError(
+            f"cannot use the certificates in {ca_file}: {_reason(error)}"
+        ) from None
     return context
 
 

@@ -32,8 +32,8 @@ _VEHICLE_NAME = contextvars.ContextVar("vehicle_name", default="")
 class Connector:
     """Connects several robots to one broker, each as a vehicle. Use it in one asyncio event loop.
 
-    Each vehicle has its own connections, so that a lost robot affects only its own vehicle. To
-    connect to a broker that is off blocks a thread, too, so the loop should be that of `run_main`.
+    Each vehicle has its own connections, so that a lost robot affects only its own vehicle. While
+    the broker is off, each vehicle blocks a thread to connect: `run_main` has enough threads.
 
     Args:
         vehicles: configuration of each vehicle, by its name in the log.
@@ -191,7 +191,7 @@ def _vehicles(
         return {"": _vehicle(options, link_config(parser, options), options.serial_number)}
     if options.serial_number:
         raise ValueError("--serial-number is for one robot; set serial_number in the file")
-    default = link_config(parser, options, Address(LinkConfig.ip))  # the file has the addresses
+    default = link_config(parser, options, Address(LinkConfig.ip))  # replaced by those in the file
     robots = read_robots(options.robots, default)
     return {each.name: _vehicle(options, each.link, each.serial_number) for each in robots}
 

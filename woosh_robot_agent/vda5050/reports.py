@@ -52,18 +52,17 @@ class HeaderIds:
         save: Callable[[Mapping[str, int]], None] = lambda numbers: None,
     ) -> None:
         self._next = Counter(first or {})
-        self._reserved = Counter(self._next)
-        """End of the block of reserved ids of each topic: the first id after it."""
+        self._block_ends: dict[str, int] = {}
+        """The first id after the reserved block of each topic of which an id was taken."""
         self._save = save
 
     def next(self, topic: str) -> int:
         """Take the next id of a topic, and return it."""
         number = self._next[topic]
-        self._next[topic] = (number + 1) % _ID_COUNT
-        left = self._reserved[topic] - self._next[topic]  # huge if ids start again at 0
-        if not 0 < left <= _BLOCK_SIZE:
-            self._reserved[topic] = self._next[topic] + _BLOCK_SIZE
-            self._save({name: reserved % _ID_COUNT for name, reserved in self._reserved.items()})
+        self._next[topic] = following = (number + 1) % _ID_COUNT
+        if self._block_ends.get(topic, following) == following:  # there is no block, or it ends
+            self._block_ends[topic] = (following + _BLOCK_SIZE) % _ID_COUNT
+            self._save({**self._next, **self._block_ends})
         return number
 
     def peek(self, topic: str) -> int:

@@ -78,7 +78,7 @@ class OtherConnectorDetector:
         if state is None or self._is_own(payload):
             return
         if retained:
-            # else the message may be of an earlier run of this connector
+            # at the first connection, it may be a message of an earlier run of this connector
             if self._connections > 1 and state != ConnectionState.OFFLINE.value:
                 self._restart_timer()  # the other connector may have ended since
                 self._set_error()

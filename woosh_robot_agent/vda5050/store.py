@@ -171,14 +171,14 @@ class Store:
             self._lock = None
 
     def _save_next(self) -> None:
-        """Save the record that waits, now; the header ids stay as saved."""
+        """Save the record that waits, with the saved header ids."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
         self._save(replace(self._next, header_ids=self._record.header_ids))
 
     def _can_wait(self, record: Record) -> bool:
-        """Return True if a record differs from the saved one only in progress, and that was saved.
+        """Return True if the file has all of a record except the latest progress.
 
         Progress is which nodes and edges are left, where the vehicle stands, and the states and ids
         of instant actions. If the latest progress is lost, nothing that moves is repeated.
@@ -260,8 +260,9 @@ class Store:
             if name not in ACTIONS:  # e.g. of a newer version of the connector
                 raise ValueError(_NO_ACTION(what=name))
         order = record.order
-        # each node still to be reached has one edge that leads to it
-        if not len(order.nodes) == len(order.edges) >= order.leg_length >= 0:
+        # each node still to be reached has one edge that leads to it, and each leg has a task
+        fits = len(order.nodes) == len(order.edges) >= order.leg_length >= 0
+        if not fits or (order.leg_length and not record.task_id):
             raise ValueError(_INVALID_ORDER())
         return record
 

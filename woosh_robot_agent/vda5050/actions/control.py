@@ -104,19 +104,19 @@ async def stop_pause(run: Run) -> None:
 async def cancel_order(run: Run) -> None:
     """Cancel the current order, wait until everything has stopped, and empty the order.
 
-    The instant actions that came before are cancelled, too, for they may move the robot.
+    The instant actions that came before are cancelled, too, for they may move the robot. Without an
+    order, nothing else is cancelled, and then the action fails, as the standard demands.
     """
     execution, order = run.execution, run.execution.order
     instant = execution.instant
     # after a last action whose end is unknown, only the error is left of the order
-    if not (order.busy or order.error or execution.has_leftovers):
-        raise ActionFailedError(_NO_ORDER(), ErrorType.NO_ORDER_TO_CANCEL)
-    if run.given.get("orderId", order.order_id) != order.order_id:
+    has_order = bool(order.busy or order.error or execution.has_leftovers)
+    if has_order and run.parameters.get("orderId", order.order_id) != order.order_id:
         raise ActionFailedError(
-            _OTHER_ORDER(order=order.order_id, given=run.given["orderId"]),
+            _OTHER_ORDER(order=order.order_id, given=run.parameters["orderId"]),
             ErrorType.NO_ORDER_TO_CANCEL,
         )
-    if not order.canceling:
+    if has_order and not order.canceling:
         execution.cancel_order()
     instant.cancel_before(run.action.id)
     execution.cancel_leftovers()
@@ -125,13 +125,15 @@ async def cancel_order(run: Run) -> None:
     def is_done() -> bool:
         if instant.unfinished_before(run.action.id):
             return False
-        if not order.canceling:  # another cancelOrder has emptied the order
+        if not order.canceling:  # there was no order, or another cancelOrder has emptied it
             return True
         return order.has_ended and not execution.has_own_motion and not execution.has_leftovers
 
     await run.link.conditions.wait(is_done)
     if order.canceling:
         order.empty()
+    if not has_order:
+        raise ActionFailedError(_NO_ORDER(), ErrorType.NO_ORDER_TO_CANCEL)
 
 
 @vehicle_action("stateRequest", INSTANT, "publish the state", repeatable=True)
@@ -180,7 +182,7 @@ async def log_report(run: Run) -> str:
     now = datetime.now(timezone.utc)
     content = {
         "time": now.isoformat(),
-        "reason": run.given["reason"],
+        "reason": run.parameters["reason"],
         "robot": _as_dict(info),
         "taskHistory": await _answer_or_reason(run, TaskHistory()),
         "statusCodes": await _answer_or_reason(run, StatusCodes()),

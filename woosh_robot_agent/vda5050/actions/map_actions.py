@@ -206,7 +206,7 @@ async def _switch_map(run: Run, name: str, version: str | None = None) -> None:
 )
 async def enable_map(run: Run) -> None:
     """Let the robot use a map."""
-    await _switch_map(run, run.given["mapId"], run.given["mapVersion"])
+    await _switch_map(run, run.parameters["mapId"], run.parameters["mapVersion"])
 
 
 _POSITION = (
@@ -222,19 +222,19 @@ _POSITION = (
 
 async def _init_position(run: Run) -> None:
     """Initialise the robot at a pose; change the map first if necessary."""
-    execution, given = run.execution, run.given
+    execution, wanted = run.execution, run.parameters
 
     def is_initialised() -> bool:
         place = execution.robot.position
-        return place is not None and place.initialised and place.map_id == given["mapId"]
+        return place is not None and place.initialised and place.map_id == wanted["mapId"]
 
     run.require_not_driving_order()
-    await _switch_map(run, given["mapId"])
-    await run.request(InitRobot(pose=Pose2D(x=given["x"], y=given["y"], theta=given["theta"])))
+    await _switch_map(run, wanted["mapId"])
+    await run.request(InitRobot(pose=Pose2D(x=wanted["x"], y=wanted["y"], theta=wanted["theta"])))
     await execution.robot.read_pose()
     await run.wait(is_initialised, _TIMEOUT, _NOT_FOUND())
-    if "lastNodeId" in given:
-        execution.order.set_last_node(given["lastNodeId"])
+    if "lastNodeId" in wanted:
+        execution.order.set_last_node(wanted["lastNodeId"])
 
 
 # the same action has another name in version 3
@@ -263,7 +263,7 @@ async def delete_map(run: Run) -> None:
     """Delete a map on the robot."""
     maps = run.execution.maps
     await _read_list(run.execution)
-    found = _find_one(run.execution, run.given["mapId"], run.given["mapVersion"])
+    found = _find_one(run.execution, run.parameters["mapId"], run.parameters["mapVersion"])
     if found.is_used(run.execution.robot.info):
         raise ActionFailedError(_USED(map=found.name))
     is_last = len(maps.of_scene(found.scene)) == 1
@@ -310,15 +310,15 @@ async def _download(run: Run) -> None:
             refused it, or to list its maps.
         LinkError: the robot could not be reached.
     """
-    maps, given = run.execution.maps, run.given
-    name, version = given["mapId"], given["mapVersion"]
+    maps, wanted = run.execution.maps, run.parameters
+    name, version = wanted["mapId"], wanted["mapVersion"]
     await _read_list(run.execution)
     if maps.find(name) or maps.of_scene(name):
         is_same = bool(maps.find(name, version))
         kind = ErrorType.DUPLICATE_MAP if is_same else ErrorType.ACTION
         raise ActionFailedError(_EXISTS(map=name), kind)
     run.report(ActionStatus.RUNNING)
-    data = await fetch(given["mapDownloadLink"], given.get("mapHash", ""))
+    data = await fetch(wanted["mapDownloadLink"], wanted.get("mapHash", ""))
     files = await asyncio.to_thread(unpack, data)  # takes too long for the event loop
     file_datas = [FileData(name=each, data=content) for each, content in files.items()]
     await run.request(Upload(scene_name=name, file_datas=file_datas, method=Upload.kFull))

@@ -62,7 +62,7 @@ class Run:
         return self.execution.link
 
     @property
-    def given(self) -> Mapping[str, Any]:
+    def parameters(self) -> Mapping[str, Any]:
         """Values of the parameters, by key; their types have been checked."""
         return self.action.parameters
 
@@ -90,12 +90,7 @@ class Run:
             ActionFailedError: the action failed.
         """
         calls = self.execution.calls
-
-        def may_begin() -> bool:
-            return self._is_permitted and not calls.executes(command)
-
-        while not may_begin():
-            await self.link.conditions.wait(may_begin)
+        await self.link.conditions.wait(lambda: self._is_permitted and not calls.executes(command))
         return await calls.perform(command, self.report)
 
     async def wait(self, condition: Callable[[], bool], timeout: float, failure: str) -> None:
@@ -118,16 +113,13 @@ class Run:
 
     async def wait_until_permitted(self) -> None:
         """Wait while the vehicle is paused, or has a second connector."""
-        while not self._is_permitted:  # the next pause may come before this coroutine goes on
-            await self.link.conditions.wait(lambda: self._is_permitted)
+        await self.link.conditions.wait(lambda: self._is_permitted)
 
     async def wait_for_tasks(self) -> None:
-        """Wait until the robot has left its last task and may begin one.
+        """Wait until the robot, which executes one task at a time, may begin the next one.
 
-        It may begin none while the vehicle is paused, or has a second connector.
-
-        The robot executes one task at a time. When this returns, begin the next task without
-        waiting for anything else.
+        It may not while the vehicle is paused, or has a second connector. When this returns, begin
+        the task without waiting for anything else.
 
         Raises:
             ActionFailedError: the robot drives along an order.
@@ -138,10 +130,8 @@ class Run:
             is_busy = execution.tasks.is_busy or execution.drive.is_late
             return self._is_permitted and not (is_busy or execution.is_leaving_task)
 
+        await self.link.conditions.wait(lambda: execution.order.driving or may_start())
         self.require_not_driving_order()
-        while not may_start():
-            await self.link.conditions.wait(may_start)
-            self.require_not_driving_order()
 
     def require_position(self) -> Position:
         """Return the position of the robot.

@@ -59,14 +59,14 @@ _CHARGE_TIMEOUT = 30.0
         must_be=NOT_EMPTY,
     ),
     blocking=STANDSTILL,
-    pausable=True,
+    moves=True,
 )
 async def start_charging(run: Run) -> None:
     """Dock at a charger and charge, by a task of the robot that continues after this action.
 
     Do nothing if the robot charges already.
     """
-    robot, mark = run.execution.robot, run.given.get(_STATION, "")
+    robot, mark = run.execution.robot, run.parameters.get(_STATION, "")
     await run.wait_for_tasks()
     if not (mark or robot.is_charging):
         mark = await _nearest_charger(run)
@@ -104,7 +104,7 @@ async def _nearest_charger(run: Run) -> str:
     NOT_ON_EDGES,
     "end charging; the robot may back out of the charger",
     blocking=STANDSTILL,
-    pausable=True,
+    moves=True,
 )
 async def stop_charging(run: Run) -> None:
     """Cancel the charging task; if the robot goes on charging, let it back out of the charger."""
@@ -157,7 +157,7 @@ async def _carry(run: Run, mode: LiftControl.ExecuteMode, direction: task.Direct
     Returns:
         The robot's report on its lift; empty after a carry task.
     """
-    mark = run.given.get(_STATION)
+    mark = run.parameters.get(_STATION)
     if mark is None:
         return await run.call(LiftControl(execute_mode=mode))
     await run.wait_for_tasks()
@@ -168,9 +168,9 @@ async def _carry(run: Run, mode: LiftControl.ExecuteMode, direction: task.Direct
 
 
 pick, drop = (
-    vehicle_action(
-        name, ON_NODES, description, *_LOAD_PARAMETERS, blocking=STANDSTILL, pausable=True
-    )(partial(_carry, mode=mode, direction=direction))
+    vehicle_action(name, ON_NODES, description, *_LOAD_PARAMETERS, blocking=STANDSTILL, moves=True)(
+        partial(_carry, mode=mode, direction=direction)
+    )
     for name, description, mode, direction in (
         ("pick", "take up a load by raising the lift", LiftControl.kUp, task.kFeeding),
         ("drop", "put down the load by lowering the lift", LiftControl.kDown, task.kCutting),
@@ -207,15 +207,15 @@ _FOOTPRINTS = {
     ),
     number("speed", "speed, in m/s; the robot's own if missing", 0.001, optional=True),
     result="report of the robot",
-    pausable=True,
+    moves=True,
 )
 async def lift_to(run: Run) -> str:
     """Move the lift to a height."""
     return await run.call(
         LiftControl3(
             execute_mode=LiftControl3.kAbsolute,
-            height=run.given["height"],
-            speed=run.given.get("speed", 0.0),
+            height=run.parameters["height"],
+            speed=run.parameters.get("speed", 0.0),
         )
     )
 
@@ -234,13 +234,13 @@ async def lift_to(run: Run) -> str:
     ParameterType("lateral", "BOOL", "true to move left; only on some robots", optional=True),
     result="report of the robot",
     blocking=STANDSTILL,
-    pausable=True,
+    moves=True,
 )
 async def step(run: Run) -> str:
     """Move the robot by a distance: straight, or sideways with `lateral`; then left is positive."""
     kind = StepControl.Step
-    mode = kind.kLateral if run.given.get("lateral", False) else kind.kStraight
-    return await _step(run, mode, run.given["distance"])
+    mode = kind.kLateral if run.parameters.get("lateral", False) else kind.kStraight
+    return await _step(run, mode, run.parameters["distance"])
 
 
 @vehicle_action(
@@ -256,15 +256,15 @@ async def step(run: Run) -> str:
     number("speed", "turn rate, in rad/s; the robot's own if missing", _MIN_SPEED, optional=True),
     result="report of the robot",
     blocking=STANDSTILL,
-    pausable=True,
+    moves=True,
 )
 async def rotate(run: Run) -> str:
     """Turn the robot on the spot by an angle."""
-    return await _step(run, StepControl.Step.kRotate, run.given["angle"])
+    return await _step(run, StepControl.Step.kRotate, run.parameters["angle"])
 
 
 async def _step(run: Run, mode: StepControl.Step.Mode, value: float) -> str:
-    step = StepControl.Step(mode=mode, value=value, speed=run.given.get("speed", 0.0))
+    step = StepControl.Step(mode=mode, value=value, speed=run.parameters.get("speed", 0.0))
     return await run.call(StepControl(steps=[step]))
 
 
@@ -276,7 +276,7 @@ async def _step(run: Run, mode: StepControl.Step.Mode, value: float) -> str:
 )
 async def speak(run: Run) -> None:
     """Say a text."""
-    await run.request(SpeakRequest(text=run.given["text"]))
+    await run.request(SpeakRequest(text=run.parameters["text"]))
 
 
 @vehicle_action(
@@ -287,4 +287,4 @@ async def speak(run: Run) -> None:
 )
 async def switch_footprint(run: Run) -> None:
     """Change the outline with which the robot avoids obstacles."""
-    await run.request(SwitchFootPrint(type=_FOOTPRINTS[run.given["footprint"]]))
+    await run.request(SwitchFootPrint(type=_FOOTPRINTS[run.parameters["footprint"]]))

@@ -86,8 +86,8 @@ class ActionRunner:
         self._log_folder = log_folder
         self._waiting: dict[str, Action] = {}
         """Actions that have not started, by id, in the order in which they must start."""
-        self._tasks: dict[str, asyncio.Task[None]] = {}
-        """Tasks of the actions that run, by id."""
+        self._running: dict[str, asyncio.Task[None]] = {}
+        """The asyncio tasks of the actions that run, by id."""
         self._end_reasons: dict[str, str] = {}
         """Reasons why actions are being ended, by id."""
         self._stall_ended = -math.inf
@@ -112,27 +112,27 @@ class ActionRunner:
         """
         if self._waiting.pop(action.id, None) is not None:
             self._execution.action_changed(action.id, ActionStatus.FAILED, reason)
-        elif not ACTIONS[action.type].type.pausable:
+        elif not ACTIONS[action.type].type.moves:
             return
-        elif action.id in self._tasks and action.id not in self._end_reasons:
+        elif action.id in self._running and action.id not in self._end_reasons:
             # once: a second cancellation would end the wait for the robot's end of the action
             self._end_reasons[action.id] = reason
-            self._tasks[action.id].cancel()
+            self._running[action.id].cancel()
 
     def _end_motion(self, reason: str) -> None:
         """End the actions that move something: people have stopped the robot, or may have.
 
-        Otherwise it might begin them at once, or go on with them in automatic mode.
+        Otherwise the robot might begin them at once, or go on with them in automatic mode.
         """
         for action in (*self._waiting.values(), *self._execution.active.values()):
-            if ACTIONS[action.type].type.pausable:
+            if ACTIONS[action.type].type.moves:
                 self._end(action, reason)
 
     def _end_forgotten(self) -> None:
-        """End the instant actions that have not begun on a robot that has gone.
+        """End the instant actions that have not begun if the link was lost for long.
 
         Otherwise they might begin when the robot is switched on hours later: move something, or set
-        a position that is not right any more. It is the same if this computer was suspended.
+        a position that is not right any more. The same holds after a suspension of this computer.
         """
         execution, gate = self._execution, self._execution.link.gate
         before, self._stall_ended = self._stall_ended, gate.stall_ended
@@ -165,7 +165,7 @@ class ActionRunner:
         if execution.link.is_closing or not execution.may_act:
             return
         if execution.pause_wanted:  # an action that moves something waits, with all behind it
-            waiting = takewhile(lambda each: not ACTIONS[each.type].type.pausable, waiting)
+            waiting = takewhile(lambda each: not ACTIONS[each.type].type.moves, waiting)
         active = execution.active
         count = count_startable(waiting, active.values(), driving=execution.is_driving)
         for action in list(islice(self._waiting.values(), count)):
@@ -177,12 +177,12 @@ class ActionRunner:
 
     def _start(self, action: Action) -> None:
         running = self._execution.link.background.start(self._run(action))
-        self._tasks[action.id] = running
-        running.add_done_callback(lambda task: self._done(action, task))
+        self._running[action.id] = running
+        running.add_done_callback(lambda task: self._task_done(action, task))
 
-    def _done(self, action: Action, task: asyncio.Task[None]) -> None:
-        """Let an action fail if its task was cancelled."""
-        if self._tasks.get(action.id) is task:
+    def _task_done(self, action: Action, task: asyncio.Task[None]) -> None:
+        """Let an action fail if its task was cancelled; `_run` has stored any other end."""
+        if self._running.get(action.id) is task:
             self._ended(action, ActionStatus.FAILED, self._end_reasons.get(action.id, ""))
 
     async def _run(self, action: Action) -> None:
@@ -194,7 +194,7 @@ class ActionRunner:
         definition = ACTIONS[action.type]
         run = Run(action, report, self._execution, self._reports, self._log_folder)
         try:
-            if definition.type.pausable:
+            if definition.type.moves:
                 await run.wait_until_permitted()
                 report(ActionStatus.INITIALIZING)  # RUNNING once the robot has accepted it
             else:
@@ -223,7 +223,7 @@ class ActionRunner:
     def _ended(self, action: Action, status: ActionStatus, result: str) -> None:
         """Forget an action that has ended, and store its final status and result."""
         self._execution.active.pop(action.id, None)
-        self._tasks.pop(action.id, None)
+        self._running.pop(action.id, None)
         self._end_reasons.pop(action.id, None)
         # when the connector ends, the robot goes on, and the action must not count as ended
         if not self._execution.link.is_closing:

@@ -122,8 +122,8 @@ class ActionType:
         scopes: where the action may be requested.
         result: meaning of the result; empty for an action without a result.
         blocking: blocking types that the action may have on nodes and edges.
-        pausable: True if the action moves something, so that it is paused with the vehicle, and can
-            be ended before its end.
+        moves: True if the action moves something, so that it is paused with the vehicle, and can be
+            cancelled while it runs.
         repeatable: True if an instant action may repeat the id of an instant action that has ended.
     """
 
@@ -133,7 +133,7 @@ class ActionType:
     parameters: tuple[ParameterType, ...] = ()
     result: str = ""
     blocking: frozenset[BlockingType] = frozenset(BlockingType)
-    pausable: bool = False
+    moves: bool = False
     repeatable: bool = False
 
     @property

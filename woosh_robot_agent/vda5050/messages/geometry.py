@@ -34,8 +34,6 @@ _SAMPLES = 8
 """Number of points in each knot span by which the length of the curve is estimated."""
 _MIN_WEIGHT = 1e-9
 """Lowest permitted weight; a sum of much smaller ones would be rounded to 0."""
-_NOT_FINITE = Sentence("a number is not finite")
-_DEGREE = Sentence("its degree is not a positive integer: {degree}")
 _HIGH_DEGREE = Sentence("its degree is above {most}: {degree}")
 _MANY_POINTS = Sentence("it has more than {most} control points: {count}")
 _FEW_POINTS = Sentence("degree {degree} needs at least {least} control points: {count}")
@@ -47,26 +45,20 @@ _NO_LENGTH = Sentence("it has no length")
 
 
 def curve_defect(trajectory: Trajectory) -> str:
-    """Return why a trajectory is no valid NURBS; empty if it is valid."""
+    """Return why a trajectory, which fits the schema, is no valid NURBS; empty if it is valid."""
     degree, knots, points = trajectory.degree, trajectory.knots, trajectory.points
-    numbers = (*knots, *(value for point in points for value in (point.x, point.y, point.weight)))
-    if not all(map(math.isfinite, (degree, *numbers))):
-        return _NOT_FINITE()
-    if degree != int(degree) or degree < 1:
-        return _DEGREE(degree=str(degree))
     if degree > MAX_DEGREE:
-        return _HIGH_DEGREE(most=MAX_DEGREE, degree=f"{degree:g}")
+        return _HIGH_DEGREE(most=MAX_DEGREE, degree=degree)
     if len(points) > MAX_CONTROL_POINTS:
         return _MANY_POINTS(most=MAX_CONTROL_POINTS, count=len(points))
     if len(points) <= degree:
-        least = int(degree) + 1
-        return _FEW_POINTS(degree=str(degree), least=least, count=len(points))
-    if len(knots) != len(points) + degree + 1:
-        needed = len(points) + int(degree) + 1
-        return _KNOTS(points=len(points), degree=int(degree), needed=needed, count=len(knots))
+        return _FEW_POINTS(degree=degree, least=degree + 1, count=len(points))
+    needed = len(points) + degree + 1
+    if len(knots) != needed:
+        return _KNOTS(points=len(points), degree=degree, needed=needed, count=len(knots))
     if any(after < before for before, after in pairwise(knots)):
         return _DECREASE()
-    if knots[int(degree)] == knots[len(points)]:
+    if knots[degree] == knots[len(points)]:
         return _EQUAL()
     if any(point.weight < _MIN_WEIGHT for point in points):
         return _WEIGHT(least=f"{_MIN_WEIGHT:g}")
@@ -81,7 +73,7 @@ def curve_points(trajectory: Trajectory) -> tuple[Point, ...]:
 
     They are about `_SPACING` apart or less, except on a straight line or a long curve.
     """
-    degree, knots = int(trajectory.degree), trajectory.knots
+    degree, knots = trajectory.degree, trajectory.knots
     spans = [
         span for span in range(degree, len(trajectory.points)) if knots[span] < knots[span + 1]
     ]
@@ -113,7 +105,7 @@ def _point(trajectory: Trajectory, span: int, parameter: float) -> Point:
 
     This is de Boor's algorithm.
     """
-    degree, knots = int(trajectory.degree), trajectory.knots
+    degree, knots = trajectory.degree, trajectory.knots
     control = trajectory.points[span - degree : span + 1]
     # in homogeneous coordinates a rational curve is an ordinary one
     values = [(each.x * each.weight, each.y * each.weight, each.weight) for each in control]

@@ -82,7 +82,8 @@ class Version:
         values: values of enumerations by their values in the connector, where they differ.
         unsupported_edge_fields: fields of an edge that the robot cannot obey; see also
             `OBEYED_ANYWAY`.
-        error_types: errorType by `ErrorType`, where `error_type` cannot derive it.
+        error_types: errorType by `ErrorType`, where `error_type` cannot derive it; empty for an
+            error that does not occur in this version.
         error_levels: errorLevel of errors, by their errorType, where the standard prescribes
             another level than `VehicleError.level`.
     """
@@ -115,7 +116,10 @@ class Version:
         return self.values.get(value, value)
 
     def error_type(self, kind: str) -> str:
-        """Return the errorType for a type of errors; in version 3, it is in capitals."""
+        """Return the errorType for a type of errors; in version 3, it is in capitals.
+
+        Return an empty text for an error that does not occur in this version.
+        """
         if kind in self.error_types:
             return self.error_types[kind]
         return re.sub("(?<=[a-z])(?=[A-Z])", "_", kind).upper() if self.is_3 else kind
@@ -141,7 +145,7 @@ V2_1 = Version(
         ErrorType.NOT_AVAILABLE: "orderError",
         ErrorType.UNKNOWN_MAP: "orderError",
         ErrorType.OUTDATED_UPDATE: "orderUpdateError",
-        ErrorType.CHANGED_UPDATE: "orderUpdateError",
+        ErrorType.CHANGED_UPDATE: "",  # such an update is ignored
         ErrorType.UPDATE_AFTER_CANCEL: "orderUpdateError",
     },
 )

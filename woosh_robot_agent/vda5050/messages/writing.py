@@ -341,8 +341,8 @@ def _action_type(version: Version, action: ActionType) -> Fields:
     if version.is_3:  # in version 2.1 no list of blocking types fits the published schema
         message["blockingTypes"] = sorted(each.value for each in action.blocking)
         # the published schema demands texts, although the text of the standard says Boolean
-        pausable = str(action.pausable).lower()
-        message |= {"pauseAllowed": pausable, "cancelAllowed": pausable}
+        may_interrupt = str(action.moves).lower()
+        message |= {"pauseAllowed": may_interrupt, "cancelAllowed": may_interrupt}
     return _without_empty(message)
 
 

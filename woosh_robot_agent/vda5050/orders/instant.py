@@ -29,6 +29,7 @@ from woosh_robot_agent.vda5050.orders.machine import OrderMachine
 START_PAUSE, STOP_PAUSE, CANCEL_ORDER = "startPause", "stopPause", "cancelOrder"
 """Names of actions for which special rules apply in `orders` or `execution`."""
 _MAP_ACTIONS = frozenset({"enableMap", "downloadMap", "deleteMap"})
+"""Actions that end the error of a duplicate map when they are accepted."""
 _MAX_STATES = 200
 """Maximum number of instant actions in the state. If there are more, the oldest ended actions are
 forgotten; a new action fails if as many actions still run."""
@@ -59,8 +60,8 @@ class InstantActions:
 
     Attributes:
         commands: commands that start or end actions; `Execution` takes them.
-        last_motion: id of the last instant action that moves something; empty if there was none
-            since the start of the program.
+        last_motion: id of the last instant action that moves something, for `Record.last_motion`;
+            empty if there was none since the start of the program.
         errors: the last errors of refused instant actions, and of all actions that failed.
     """
 
@@ -118,7 +119,7 @@ class InstantActions:
         """Add commands to end the actions of `unfinished_before`."""
         for state in self.unfinished_before(action_id):
             action = Action(state.id, state.type)
-            self.commands.append(EndAction(action, "the order was cancelled"))
+            self.commands.append(EndAction(action, "cancelled by cancelOrder"))
 
     def receive(self, actions: Sequence[Action]) -> set[str]:
         """Begin instant actions; refuse those that are impossible or reuse an id wrongly.
@@ -239,7 +240,7 @@ class InstantActions:
         if kind.controls_vehicle:  # it ignores its blockingType
             self.commands.append(Perform(action, at_once=True))
             return
-        if kind.pausable:
+        if kind.moves:
             self.last_motion = action.id
         # any type is accepted (version 3.0 has only NONE), but this action needs a standstill
         if action.blocking not in kind.blocking:

@@ -90,9 +90,7 @@ class OrderMemory:
     def is_unfinished(self) -> bool:
         """True if the order was being executed or cancelled, or waited for an update."""
         actions = self.actions
-        return bool(
-            self.nodes or self.edges or actions.running or actions.triggered or self.canceling
-        )
+        return bool(self.canceling or self.nodes or actions.running or actions.triggered)
 
 
 class OrderMachine:
@@ -135,10 +133,8 @@ class OrderMachine:
     @property
     def busy(self) -> bool:
         """True if the vehicle executes or cancels an order, or waits for an update of it."""
-        if self.canceling:
-            return True
-        route, actions = self.route, self._actions
-        return bool(route.nodes or route.edges or route.leg or actions.running or actions.triggered)
+        actions = self._actions
+        return bool(self.canceling or self.route.nodes or actions.running or actions.triggered)
 
     @property
     def driving(self) -> bool:
@@ -343,7 +339,7 @@ class OrderMachine:
             reason: why the drive did not reach the goal of the leg; empty if it did.
         """
         route = self.route
-        if route.leg is None or self.canceling:
+        if route.leg is None or self.canceling:  # without a leg: a drive that began too late
             route.leg = None
         elif reason:
             route.leg = None

@@ -209,12 +209,13 @@ class Route:
         self.driven = None if self.driven is None else self.driven + step
 
     def arrive(self) -> None:
-        """Reach the goal of the leg: its drive has ended without a failure."""
-        leg, self.leg = self.leg, None
-        while leg is not None and self.last_node is not leg.goal:
-            self._reach(passing=self.nodes[0] is not leg.goal)
-            if self.last_node is not leg.goal:
-                self.enter_edge()
+        """Reach the rest of the leg: its drive has ended without a failure."""
+        assert self.leg is not None
+        goal, self.leg = self.leg.goal, None
+        while self.nodes[0] is not goal:
+            self._reach(passing=True)
+            self.enter_edge()
+        self._reach()
 
     def _count_passed(self, here: Position, edges: Iterable[Edge], nodes: Iterable[Node]) -> int:
         """Return how many of the next nodes of the leg the vehicle has passed by its last move.
@@ -277,10 +278,9 @@ class Route:
             self._actions.trigger_node(self.last_node)
 
     def _is_far_from(self, node: Node) -> bool:
-        """Return True if the vehicle is so far from a node that its actions would be misplaced.
+        """Return True if the vehicle is too far from a node for the actions of the node.
 
-        It is if the distance exceeds the permitted deviation plus the way that a vehicle drives
-        between two reports.
+        Too far is more than the permitted deviation plus the way between two reports.
         """
         place, here = node.position, self.position
         if place is None or here is None:
@@ -298,7 +298,7 @@ class Route:
         self._actions.trigger_edge(self.edges[0])
 
     def begin_leg(self, leg: Leg) -> None:
-        """Note that the vehicle begins to drive a leg."""
+        """Make a leg the one that the vehicle drives."""
         self.leg = leg
         self._is_unconfirmed = False  # the place was checked after a loss of the link
 
@@ -341,10 +341,7 @@ class Route:
         return math.dist(curve_points(trajectory)[0], self.position.point)
 
     def _measure_from_here(self) -> None:
-        """Measure the driven distance from the current position, because `last_node` was set.
-
-        The robot need not confirm the drive any more, so `_is_unconfirmed` ends.
-        """
+        """Measure the driven distance from the current position, because `last_node` was set."""
         self.driven, self._estimated_way, self._reached_at = 0.0, 0.0, self.position
         self._is_unconfirmed = False
 

@@ -36,12 +36,6 @@ from woosh_robot_agent.vda5050.robot.control import Controller
 from woosh_robot_agent.vda5050.robot.link import RobotLink
 
 _LOG = logging.getLogger(__name__)
-_REPORT_AFTER = 3.0
-"""Time after which the robot must have reported an action that it executes, in seconds."""
-_ASK_EVERY = 1.0
-"""Pause between two queries about an action, in seconds."""
-_CHECK_EVERY = 5.0
-"""Time after which the robot is asked about an action, in case a report was lost, in seconds."""
 _FAILED = Sentence("the robot failed")()
 _NOT_SENT = Sentence("{name} was not sent: {reason}")
 _UNKNOWN = Sentence("the robot does not tell how it ended")
@@ -374,7 +368,7 @@ class RobotCalls:
     async def _check(self, call: _Call) -> None:
         """Ask the robot about an action from time to time until the action has ended."""
         while not call.ended.done():
-            await asyncio.sleep(_CHECK_EVERY)
+            await asyncio.sleep(self._link.timing.check_every)
             if not call.ended.done():
                 self._ask_about(call)
 
@@ -385,9 +379,9 @@ class RobotCalls:
     async def _ask(self, call: _Call) -> None:
         """Ask the robot about an action until its state is known, or the link is lost.
 
-        End the action if the robot answers for `_REPORT_AFTER`, but knows nothing of it. If the
-        robot pushes reports on the action, but never names one when it is asked, end the action
-        only after a cancellation that the robot has accepted.
+        Give the action up if the robot answers for `Timing.give_up_after`, but knows nothing of it.
+        If the robot pushes reports on the action, but never names one when it is asked, give the
+        action up only after a cancellation that the robot has accepted.
         """
         clock = asyncio.get_running_loop().time
         name, deadline, is_known = full_name(call.command), math.inf, False
@@ -429,8 +423,8 @@ class RobotCalls:
                 if is_known:
                     return
                 # an action that has just begun may not be in the answer yet
-                deadline = min(deadline, clock() + _REPORT_AFTER)
-            await asyncio.sleep(_ASK_EVERY)
+                deadline = min(deadline, clock() + self._link.timing.give_up_after)
+            await asyncio.sleep(self._link.timing.ask_every)
 
     async def _cancel_unknown(self, call: _Call) -> None:
         """Cancel an action that may go on until the robot answers, or another of its kind begins.
@@ -447,7 +441,7 @@ class RobotCalls:
                 await self._link.command(call.request(action_pb2.kCancel), tap=answered)
             except LinkError as error:
                 _LOG.warning("the cancellation of %s was not answered: %s", call.name, error)
-                await asyncio.sleep(_ASK_EVERY)
+                await asyncio.sleep(self._link.timing.ask_every)
                 await self._link.conditions.wait(lambda: self._link.ready)
             else:
                 return

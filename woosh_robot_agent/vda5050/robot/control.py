@@ -60,7 +60,7 @@ class Controller:
         self._is_pause_pending = False
         """True if the last command was a pause that was not refused, and has had no effect yet."""
         self._is_own_pause = False
-        """True from a pause that was sent and not refused, or taken over, to the resumption."""
+        """True from a pause that was sent and not refused, or adopted, to the resumption."""
         self._resumed_at = -math.inf
         """Loop time of a resumption whose effect was not reported yet; else minus infinity."""
         self._has_ended = False

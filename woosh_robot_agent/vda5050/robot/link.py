@@ -72,16 +72,15 @@ class Conditions:
 
     async def wait(self, condition: Callable[[], bool], timeout: float | None = None) -> bool:
         """Wait until a condition holds; return False if this takes more than `timeout` seconds."""
-        if condition():
-            return True
-        holds = asyncio.get_running_loop().create_future()
-        self._waiting[holds] = condition
-        try:
-            await (holds if timeout is None else run_with_timeout(timeout, holds))
-        except TimeoutError:
-            return False
-        finally:
-            del self._waiting[holds]
+        while not condition():  # also checked after a wait: it may not hold any more
+            holds = asyncio.get_running_loop().create_future()
+            self._waiting[holds] = condition
+            try:
+                await (holds if timeout is None else run_with_timeout(timeout, holds))
+            except TimeoutError:
+                return False
+            finally:
+                del self._waiting[holds]
         return True
 
     def check(self) -> None:
@@ -101,12 +100,20 @@ class Timing:
         pause_within: maximum time until the robot has paused or resumed everything, in seconds.
         ask_again_after: first pause before maps and marks are requested again after a failure, in
             seconds; it doubles with each failure.
+        check_every: time between two queries about a task or action, in case a report on it was
+            lost, in seconds.
+        ask_every: time between two queries about a task or action of unknown state, in seconds.
+        give_up_after: time for which the robot answers such queries, but does not know the task or
+            action, until the vehicle gives it up, in seconds.
         minimum_timeouts: minimum timeouts of slow requests, in seconds, by protobuf full name.
     """
 
     repeat_after: float = 3.0
     pause_within: float = 10.0
     ask_again_after: float = 5.0
+    check_every: float = 5.0
+    ask_every: float = 1.0
+    give_up_after: float = 3.0
     minimum_timeouts: Mapping[str, float] = field(default_factory=minimum_timeouts)
 
 

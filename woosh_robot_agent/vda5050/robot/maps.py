@@ -153,11 +153,12 @@ class RobotMaps:
         if is_other:
             self._scene, self._marks = scene.scene_name, None
             self._were_requested.clear()
-        if is_other or not self._costs_link:
+        if is_other or not self._costs_link:  # else the pauses go on growing over reconnects
             self._request_soon()
         self._link.background.start(self._refresh(), self)
 
     def _request_soon(self) -> None:
+        """Let the next request come without a pause."""
         self._retry.reset()
         self._costs_link = False
         self._not_before = -math.inf

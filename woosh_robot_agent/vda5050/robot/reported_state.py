@@ -141,7 +141,7 @@ class ReportedState:
         self._watch_for_silence()
 
     def _task_told(self, report: TaskProc) -> None:
-        """Forget a task whose end only an answer has told; `_values` takes the reports."""
+        """Forget a task whose end is known from an answer: `_values` stores pushed reports only."""
         info = self.info
         has_ended = not report.robot_task_id
         if has_ended and info is not None and is_unfinished(info.task_proc):
@@ -149,7 +149,7 @@ class ReportedState:
             self._changed()
 
     def _watch_for_silence(self) -> None:
-        """Start the timer for the next pose if the robot moves; a standing one reports no pose."""
+        """Start the timer for the next pose if the robot moves: a standing robot reports none."""
         if self._silence_timer is None and self.is_driving and not self._link.is_closing:
             loop = asyncio.get_running_loop()
             due = max(loop.time(), self._pose_at + REPORT_GAP)

@@ -102,16 +102,9 @@ def _trajectory_poses(trajectory: Trajectory, end: Node) -> list[Pose2D]:
 
 
 _LOG = logging.getLogger(__name__)
-_REPORT_AFTER = 3.0
-"""Time after which the robot must have reported a task that it executes, in seconds."""
-_ASK_EVERY = 1.0
-"""Pause between two queries about a task, in seconds."""
-_CHECK_EVERY = 5.0
-"""Time after which the robot is asked about a task, in case a report was lost, in seconds."""
 _LEAVES_WITHIN = 3.0
 """Maximum time from the end of a task to the report that the robot has left it, in seconds."""
 _THE_TASK = Sentence("the task")
-_RESTARTED = Sentence("the connector was restarted before it sent the task")
 _OTHER_ACTION = Sentence("the robot executes the task of another action")
 _END_REASONS = {
     task.kCompleted: "",
@@ -173,7 +166,7 @@ class TaskRunner:
 
     @property
     def is_late(self) -> bool:
-        """True while the current task is one that was given up; it is being cancelled."""
+        """True while a task that began after it was given up is being cancelled."""
         return self.id == self._given_up != 0
 
     def start(self, request: ExecTask) -> None:
@@ -188,15 +181,12 @@ class TaskRunner:
         """Take over a task that was started before a restart of the program.
 
         Args:
-            task_id: id of the task; 0 if its start was not sent: then `on_end` is called at once.
+            task_id: id of the task.
             info: the first report of the robot.
         """
         self._set_current(task_id)
-        if task_id:
-            self._snapshot(info)
-            self._link.background.start(self._check(task_id))
-        else:
-            self._on_end(_RESTARTED())
+        self._snapshot(info)
+        self._link.background.start(self._check(task_id))
 
     def want(self, control: Control) -> None:
         """Pause, resume or cancel the task as soon as possible; do nothing without a task.
@@ -284,7 +274,7 @@ class TaskRunner:
             self._link.changed()
 
     def _task_told(self, report: TaskProc) -> None:
-        """Clear `foreign_id` after an end of which only an answer has told."""
+        """Clear `foreign_id` after an end that is known only from an answer."""
         if self.foreign_id and not report.robot_task_id:
             ended = TaskProc(robot_task_id=self.foreign_id, state=task.kCompleted)
             self._update_foreign_id(ended)
@@ -324,22 +314,22 @@ class TaskRunner:
     async def _check(self, task_id: int) -> None:
         """Ask the robot about a task from time to time until the task has ended."""
         while task_id == self.id:
-            await asyncio.sleep(_CHECK_EVERY)
+            await asyncio.sleep(self._link.timing.check_every)
             if task_id == self.id:
                 self._ask_until_known()
 
     async def _ask(self, task_id: int) -> None:
         """Ask about a task until its state is known.
 
-        End the task if the robot answers for `_REPORT_AFTER`, but knows nothing of it. While the
-        robot tells that it executes a task, but not which one, end it only after a cancellation
-        that the robot has accepted.
+        Give the task up if the robot answers for `Timing.give_up_after`, but knows nothing of it.
+        While the robot tells that it executes a task, but not which one, give the task up only
+        after a cancellation that the robot has accepted.
         """
         clock = asyncio.get_running_loop().time
         deadline = math.inf
         while task_id == self.id:
             try:
-                await self._link.chassis.wait_ready(_ASK_EVERY)
+                await self._link.wait_ready()
                 is_current = await self._ask_current(task_id)
                 if is_current or await self._ask_history(task_id):
                     return
@@ -360,8 +350,8 @@ class TaskRunner:
                 deadline = math.inf  # the robot has the full time again once it answers
             else:
                 # a task that has just begun may be in neither answer yet
-                deadline = min(deadline, clock() + _REPORT_AFTER)
-            await asyncio.sleep(_ASK_EVERY)
+                deadline = min(deadline, clock() + self._link.timing.give_up_after)
+            await asyncio.sleep(self._link.timing.ask_every)
 
     async def _ask_current(self, task_id: int) -> bool | None:
         """Ask for the current task of the robot, and take the report on it.
@@ -431,7 +421,7 @@ class TaskRunner:
                 await self._ask_robot_state(task_id)
             except LinkError as error:
                 _LOG.debug("no answer about the state after task %d: %s", task_id, error)
-                await asyncio.sleep(_ASK_EVERY)
+                await asyncio.sleep(self._link.timing.ask_every)
             else:
                 self._link.changed()
                 return
