@@ -264,18 +264,6 @@ async def test_an_action_owns_the_wheels_until_a_new_link_tells_its_end(
         await eventually(lambda: not rig.gate.owner)
 
 
-async def test_an_action_that_an_obstacle_holds_up_goes_on_over_a_lost_link() -> None:
-    async with gated() as rig:
-        known: list[Any] = []
-        await owned(rig, FEEDBACKS, feedback("MoveBase", "kRosExecuting"))
-        rig.gate.wheel_owner.on_known(known.append)
-        rig.actions = feedback("MoveBase", "kRosErrMsg")
-        rig.wire.abort()
-        await rig.second_wire()
-        await eventually(lambda: known)
-        assert rig.gate.owner == "MoveBase"
-
-
 @pytest.mark.parametrize(
     ("pushed", "answer"),
     [

@@ -99,8 +99,8 @@ class RobotIdentity:
         serial_number: serial number of the robot; 0 if it reports none.
     """
 
-    robot_id: int
-    serial_number: int
+    robot_id: int = 0
+    serial_number: int = 0
 
     @classmethod
     def of(cls, info: RobotInfo) -> RobotIdentity:
@@ -118,10 +118,8 @@ class RobotIdentity:
         )
         return any(mine and others and mine != others for mine, others in pairs)
 
-    def completed_by(self, other: RobotIdentity | None) -> RobotIdentity:
-        """Return this identity, with unknown numbers taken from `other`, if there is one."""
-        if other is None:
-            return self
+    def completed_by(self, other: RobotIdentity) -> RobotIdentity:
+        """Return this identity, with unknown numbers taken from `other`."""
         return RobotIdentity(
             self.robot_id or other.robot_id, self.serial_number or other.serial_number
         )
@@ -146,15 +144,10 @@ async def open_link(config: LinkConfig) -> Transport:
         raise HandshakeError(said_by(error)) from None
 
 
-def _identity_in(answer: Answer) -> RobotIdentity | None:
-    """Return the identity in a RobotInfo; None if it cannot be read."""
+def _identity_in(answer: Answer) -> RobotIdentity:
+    """Return the identity in a RobotInfo, without numbers if the RobotInfo cannot be read."""
     info = answer.body
-    return RobotIdentity.of(info) if answer.ok and isinstance(info, RobotInfo) else None
-
-
-def _is_other(robot: RobotIdentity | None, expected: RobotIdentity | None) -> bool:
-    """Return True if two robots differ; False if one of them is not known."""
-    return robot is not None and expected is not None and robot.differs_from(expected)
+    return RobotIdentity.of(info) if answer.ok and isinstance(info, RobotInfo) else RobotIdentity()
 
 
 _LOG = logging.getLogger(__name__)
@@ -195,8 +188,8 @@ class ReconnectLoop:
         """The task that connects; None when stopped."""
         self._tasks: set[asyncio.Task[None]] = set()
         """The current task, and cancelled tasks that are closing their connection."""
-        self._robot: RobotIdentity | None = None
-        """The robot of all links; None while it is not known."""
+        self._robot = RobotIdentity()
+        """The robot of all links, as far as it is known."""
 
     @property
     def running(self) -> bool:
@@ -352,7 +345,7 @@ class ReconnectLoop:
 
         def put_snapshot(answer: Answer) -> None:
             """Deliver the pushes that were held back, and RobotInfo, if it is the right robot."""
-            if not _is_other(_identity_in(answer), expected):
+            if not _identity_in(answer).differs_from(expected):
                 subscriptions.put_snapshot(answer)
 
         subscriptions.hold()
@@ -361,7 +354,7 @@ class ReconnectLoop:
             answer = await self._request_info(connection, put_snapshot)
             self._check_info(answer)
             robot = _identity_in(answer)
-            if _is_other(robot, expected):
+            if robot.differs_from(expected):
                 raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
             subscriptions.release()  # `put_snapshot` did so, unless the RobotInfo is unreadable
             # the link becomes ready only now: whoever commands the robot must know its state
@@ -374,8 +367,7 @@ class ReconnectLoop:
                     raise connection.ended.result()
             finally:
                 delivered.cancel()
-            if robot is not None:
-                self._robot = robot.completed_by(expected)
+            self._robot = robot.completed_by(expected)
         finally:
             subscriptions.discard_held()
 

@@ -42,7 +42,7 @@ class SpeedLimiter:
     Args:
         chassis: the link.
         gate: sends the limits.
-        start: starts a coroutine that sends a limit.
+        start: runs a coroutine that sends a limit as a task, which the caller may cancel.
         on_refused: called with the reason if the robot does not take a limit.
         on_change: called when `is_limited` changes, before the robot gets the limit.
 
