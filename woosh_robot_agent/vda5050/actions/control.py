@@ -125,9 +125,11 @@ async def cancel_order(run: Run) -> None:
     def is_done() -> bool:
         if instant.unfinished_before(run.action.id):
             return False
-        if not order.canceling:  # there was no order, or another cancelOrder has emptied it
-            return True
-        return order.has_ended and not execution.has_own_motion and not execution.has_leftovers
+        stands = not execution.has_own_motion
+        if order.canceling:
+            return stands and order.has_ended and not execution.has_leftovers
+        # there was no order, or another cancelOrder has emptied it; a new one may drive
+        return stands or order.busy
 
     await run.link.conditions.wait(is_done)
     if order.canceling:
