@@ -122,6 +122,9 @@ def parameter_sections(content: Any, node: str) -> Iterator[tuple[tuple[str, ...
     Args:
         content: content of the file. Names of nodes in it may be nested, or contain slashes.
         node: name of the node with its namespace.
+
+    Raises:
+        ValueError: the content is not that of a parameter file. ROS refuses it, too.
     """
     for keys, parameters in _sections(content):
         parts = [part for key in keys for part in key.strip("/").split("/")]
@@ -133,11 +136,13 @@ def _sections(
     content: Any, above: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
     """Yield all sections of the content; `above` has the keys that lead to the content."""
-    for key, value in content.items() if isinstance(content, dict) else ():
-        if key != "ros__parameters":
-            yield from _sections(value, (*above, str(key)))
-        elif isinstance(value, dict):
+    if not isinstance(content, dict):
+        raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
+    for key, value in content.items():
+        if key == "ros__parameters" and isinstance(value, dict):
             yield above, value
+        else:
+            yield from _sections(value, (*above, str(key)))
 
 
 _SOURCE = "source"

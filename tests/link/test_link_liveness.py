@@ -217,6 +217,11 @@ async def test_a_chassis_that_reads_slowly_is_alive(frames: int) -> None:
         await soon(watching)
 
 
+async def watched(quiet: Quiet) -> None:
+    """Watch a transport until it has been silent for 10 s."""
+    await liveness_of(quiet, 10.0).watch()
+
+
 class LateTimers(asyncio.SelectorEventLoop):
     """An event loop with simulated time, in which each timer fires late by `late` seconds."""
 
@@ -236,13 +241,10 @@ class LateTimers(asyncio.SelectorEventLoop):
 def test_a_loss_is_noticed_in_bounded_time_though_timers_fire_late(
     late: float, within: float
 ) -> None:
-    async def watch() -> None:
-        await liveness_of(Quiet(), 10.0).watch()
-
     loop = LateTimers()
     loop.late = late
     with pytest.raises(ConnectionLostError, match="nothing was heard for 10 s"):
-        loop.run_until_complete(watch())
+        loop.run_until_complete(watched(Quiet()))
     loop.close()
     assert 9.0 < loop.now <= within
 
@@ -269,3 +271,18 @@ async def test_time_in_which_this_program_was_busy_does_not_count_as_silence(whe
         await eventually(lambda before=before: watching.done() or answered > before)  # type: ignore[misc]
         assert not watching.done()
     watching.cancel()
+
+
+def test_bytes_that_came_just_before_this_program_was_busy_are_a_sign_of_life() -> None:
+    quiet, loop = Quiet(), LateTimers()
+    loop.late = 0.0
+
+    def receive() -> None:
+        quiet.progress_at = loop.now
+        loop.now += 30.0  # the program is busy
+
+    loop.call_at(9.6, receive)
+    with pytest.raises(ConnectionLostError, match="nothing was heard for 10 s"):
+        loop.run_until_complete(watched(quiet))
+    loop.close()
+    assert loop.now > 9.6 + 30.0 + 9.0

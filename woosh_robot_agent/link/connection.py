@@ -194,7 +194,7 @@ class Liveness:
         now = self._loop_time()
         busy = max(0.0, now - self._wait_ends)
         self._wait_ends = now
-        self._alive_at = min(now, max(self._alive_at + busy, self._transport.progress_at))
+        self._alive_at = min(now, max(self._alive_at, self._transport.progress_at) + busy)
         self._accepted_at += busy
         sent, backlog = self._sent(), self._transport.backlog()
         has_sent, has_drained = sent != self._sent_before, backlog < self._backlog_before

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -107,7 +107,7 @@ def agent_node(arguments: Mapping[str, str], **parameters: object) -> Node:
 
     Raises:
         ValueError: the port is not a number from 0 to 65535, nav2 is neither true nor false, or the
-            parameter file does not exist or is not valid YAML.
+            parameter file cannot be used.
     """
     values: dict[str, object] = {
         name: arguments[name] for name in _PARAMETERS if arguments.get(name)
@@ -136,7 +136,7 @@ def parameter_of_file(arguments: Mapping[str, str], parameter: str) -> Any:
         parameter: name of the parameter.
 
     Raises:
-        ValueError: the file does not exist, or it is not valid YAML.
+        ValueError: the file cannot be used.
     """
     found = None
     for _keys, values in _agent_sections(arguments):  # as in ROS, the last section wins
@@ -170,17 +170,17 @@ def _parameters(
 
 def _agent_sections(
     arguments: Mapping[str, str],
-) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+) -> list[tuple[tuple[str, ...], dict[str, Any]]]:
     """Return the sections of the parameter file that are for the agent."""
     path = Path(arguments["params_file"])
     if not path.is_file():  # the agent would start without it
         raise ValueError(f"params_file is not a file: {path}")
-    try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (ValueError, yaml.YAMLError) as error:
-        raise ValueError(f"params_file {path} is not valid YAML: {error}") from None
     agent = f"/{arguments['namespace'].strip('/')}/agent".replace("//", "/")
-    return parameter_sections(tree, agent)
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}  # ROS takes an empty file
+        return list(parameter_sections(content, agent))
+    except (ValueError, yaml.YAMLError) as error:
+        raise ValueError(f"cannot use params_file {path}: {error}") from None
 
 
 def port_number(text: str) -> int:

@@ -60,8 +60,6 @@ def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
     Raises:
         ValueError: the content lists no robots, or a robot is invalid.
     """
-    if not isinstance(content, dict):
-        raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
     names = _parameters(content, f"/{_NODE}").get("robots")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
         raise ValueError("list the names of the robots: /**: {ros__parameters: {robots: [r1, r2]}}")

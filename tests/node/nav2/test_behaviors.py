@@ -41,6 +41,7 @@ from tests.node.test_parameters import change
 from woosh_robot_agent.motion.velocity_driver import VelocityDriver
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import Twist as ChassisTwist
 from woosh_robot_agent.pb.ros.ros_pack_pb2 import CallAction
+from woosh_robot_agent.ros.nav2.behaviors import AssistedTeleop
 from woosh_robot_msgs.msg import PoseSpeed
 from woosh_robot_msgs.srv import RobotState
 
@@ -378,6 +379,17 @@ class TestAssistedTeleop:
         assert goal.result()[0] == CANCELED
         sent = [type(each.message) for each in robot.chassis.received]
         assert ChassisTwist not in sent[sent.index(CallAction) :]
+
+    def test_a_defect_does_not_leave_the_robot_driving(
+        self, own_robot: Robot, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        robot = own_robot
+        assert change(robot, cmd_vel_timeout=5.0) == (True, "")
+        goal = Nav2Client(robot, "assisted_teleop")
+        self.drive(robot.publisher(Twist, "cmd_vel_teleop"), robot)
+        monkeypatch.setattr(AssistedTeleop, "_reason_to_end", None)
+        assert goal.result()[0] == ABORTED
+        assert not robot.chassis.last(ChassisTwist.DESCRIPTOR.full_name).linear
 
     def test_without_a_time_allowance_it_ends_with_its_client(
         self, own_robot: Robot, logs: Logs
