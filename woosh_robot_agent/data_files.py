@@ -297,7 +297,7 @@ def _errors_at(where: str) -> Iterator[None]:
     """Turn a ValueError into a DataFileError that names the place."""
     try:
         yield
-    except DataFileError:
+    except DataFileError:  # it names its place already
         raise
     except ValueError as error:
         raise DataFileError(f"{where}: {error}") from None

@@ -710,14 +710,19 @@ class Connection:
         return envelope
 
     def _answer(self, envelope: Envelope, overtaken_by: Collection[str]) -> None:
-        """Give an answer to the request that waits for it; `overtaken_by` as in `_receive`."""
+        """Give an answer to the request that waits for it.
+
+        Args:
+            overtaken_by: types of the pushes that were read after this answer, and are passed on
+                already.
+        """
         pending = self._pending.get(envelope.sn)
         if pending is None or pending.future.done():
             self._stats.late_answers += 1
             _LOG.debug("no request is pending for answer %d (%s)", envelope.sn, envelope.type)
             return
         body = Body(self._codec, envelope, partial(self._count_bad, name=envelope.type))
-        # RobotInfo has a part for nearly each type of push, so that any push may be newer
+        # RobotInfo has a part for nearly each type of push: any push may be newer than its part
         is_info = envelope.type == _ROBOT_INFO
         is_outdated = envelope.type in overtaken_by or (is_info and bool(overtaken_by))
         answer = Answer(bool(envelope.ok), envelope.msg, body, is_outdated)

@@ -221,7 +221,7 @@ class _Start:
     """A start of a task or an action that was sent from here.
 
     Attributes:
-        name: what it starts, as in `started_by`.
+        name: "task", or the action that it starts, by its short name.
         sent: monotonic time at which it was sent.
         task_id: id of the single task that it starts; None for a set, an order or an action.
         answered: monotonic time at which its answer came, or its request failed; infinite before.
@@ -273,14 +273,14 @@ class MotionGate:
         self._starts: list[_Start] = []
         """The last starts, the oldest first, without those that have begun since."""
         self._forbidden = ""
-        """Reason why requests that move the robot are refused."""
+        """Reason why requests that move the robot are refused until `_forbidden_until`."""
         self._forbidden_until = -math.inf
-        """Loop time until which requests that move the robot are refused."""
+        """Monotonic time until which requests that move the robot are refused."""
         self._stop_called = -math.inf
-        """Loop time at which the last stop was announced."""
+        """Monotonic time at which the last stop was announced."""
         self._awaited_task = 0
-        """`WheelOwner.acceptances` at the last stop if the robot had accepted a task and not begun
-        it; otherwise 0."""
+        """Number (`WheelOwner.acceptances`) of the task that the robot had accepted, and not begun,
+        at the last stop; 0 without one."""
         self._stopped_set = 0
         """Id of the set that the last stop or late cancel has ended; 0 without one."""
         self._stop_answered = -math.inf
@@ -310,7 +310,7 @@ class MotionGate:
 
         Args:
             message: the command.
-            timeout: time to wait for the answer, in seconds; by default that of the request.
+            timeout: time to wait for the answer, in seconds; by default `ChassisClient.timeout_of`.
             urgent: True to send it even if `max_in_flight` requests are in flight.
             tap: callback that gets the answer in order with the pushes of the chassis.
             sender: who wants the command.
@@ -464,7 +464,7 @@ class MotionGate:
 
     @property
     def stall_ended(self) -> float:
-        """Loop time at which the end of the last stall was noticed; -inf before the first."""
+        """Monotonic time at which the end of the last stall was noticed; -inf before the first."""
         self._stalls.check()
         return self._stalls.ended
 

@@ -116,7 +116,7 @@ class StallWatch:
         timing: returns the current `MotionTiming`.
 
     Attributes:
-        ended: loop time at which the end of the last stall was noticed; -inf before the first.
+        ended: monotonic time at which the end of the last stall was noticed; -inf before the first.
         duration: duration of the last stall, in seconds.
     """
 
@@ -153,7 +153,7 @@ class StallWatch:
         """Return True if a command may have been sent before the end of the last stall.
 
         Args:
-            published: loop time at which the command was sent, or taken from the middleware.
+            published: monotonic time at which the command was sent, or taken from the middleware.
         """
         return published < self.ended + self._timing().settle
 

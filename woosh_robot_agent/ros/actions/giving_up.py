@@ -194,7 +194,7 @@ class GiveUp:
         """
         self._cancel_deadline = inf
 
-    # Results of polls; where a text is returned, it is the reason to give up
+    # Results of polls
 
     def chassis_silent(self, error: object) -> None:
         """Start the deadline: the chassis sent nothing at all while it was polled."""
@@ -207,6 +207,9 @@ class GiveUp:
 
         Args:
             has_report: True if any report on the goal has arrived since its start.
+
+        Returns:
+            The reason to give up now; None if there is none.
         """
         self._end_silence()
         self._unknown_polls = 0
@@ -225,6 +228,9 @@ class GiveUp:
         Args:
             reason: what the chassis said.
             has_report: True if any report on the goal has arrived since its start.
+
+        Returns:
+            The reason to give up now; None if there is none.
         """
         self._end_silence()
         now = self._clock()
@@ -242,8 +248,11 @@ class GiveUp:
 
         Args:
             reason: why the poll was fruitless.
+
+        Returns:
+            The reason to give up now; None if there is none.
         """
-        if self._deadline is not None:
+        if self._deadline is not None:  # the deadline decides; see `overdue`
             return None
         now = self._clock()
         if not self._fruitless_polls:

@@ -87,7 +87,10 @@ class MapSource:
         self._picture_task: asyncio.Task[None] | None = None
         """Request of a map, or conversion of the picture of a map that the robot is making."""
         self._wanted: object = None
-        """The map that was wanted last, as in `_shown`; None while the robot makes a map."""
+        """Scene, id, name and version of the map that was wanted last.
+
+        None while the robot makes a map.
+        """
         self._retry = Backoff(_RETRY_DELAY, _MAX_RETRY_DELAY)
         """Delays after failed requests for `_wanted`."""
         self._not_before = -math.inf

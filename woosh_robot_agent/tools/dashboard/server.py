@@ -117,7 +117,8 @@ class Dashboard:
         self._files = _page_files()
         self._shared = Parts()
         self._shared.add("fleet", self._fleet_data, on_change=False, each_second=True)
-        self._shared.add("places", self._places_data, each_second=True)  # links may be lost
+        # each second, too, because places disappear when a robot is lost or silent
+        self._shared.add("places", self._places_data, each_second=True)
         self.robots = [
             Robot(each, self._shared, control=config.control, scan_rate=config.scan_rate)
             for each in robots
@@ -135,7 +136,7 @@ class Dashboard:
         self._page = hashlib.sha256(content).hexdigest()
         """Tells the page whether its files have changed since it was opened."""
         self._opening: dict[LimitedConnection, None] = {}
-        """Connections that are not WebSockets (yet), as in `LimitedConnection`."""
+        """Connections that are not WebSockets (yet), the oldest first, as an ordered set."""
         self._listener: Listener | None = None
         self._tasks: list[asyncio.Task[None]] = []
 

@@ -171,8 +171,10 @@ class PassiveClient:
         self._chassis.on_state(self._on_state)
         self._queries: asyncio.Task[None] | None = None
         self._losses: Counter[str] = Counter()
-        """Number of connections lost during a query since its last answer, by type; a query in
-        flight counts already."""
+        """Number of connections lost in a row during a query, by the type of the query.
+
+        It is raised before the query is sent, and lowered or reset if the connection lasts.
+        """
 
     def start(self) -> None:
         """Connect, and reconnect whenever the connection is lost."""

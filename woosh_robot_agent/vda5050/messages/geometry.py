@@ -33,7 +33,7 @@ _MAX_POINTS = 100
 _SAMPLES = 8
 """Number of points in each knot span by which the length of the curve is estimated."""
 _MIN_WEIGHT = 1e-9
-"""Lowest permitted weight; a sum of much smaller ones would be rounded to 0."""
+"""Lowest permitted weight. Points are divided by a mean of weights, which could underflow to 0."""
 _HIGH_DEGREE = Sentence("its degree is above {most}: {degree}")
 _MANY_POINTS = Sentence("it has more than {most} control points: {count}")
 _FEW_POINTS = Sentence("degree {degree} needs at least {least} control points: {count}")

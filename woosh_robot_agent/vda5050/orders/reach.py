@@ -239,8 +239,9 @@ class Route:
             if place is None:
                 break
             is_next = number == count  # no node before it is missed
-            is_past_previous = self._estimated_way >= way and self._moves_away_from(previous)
-            if (is_next or is_past_previous) and is_reached(place, move_start, here):
+            # matters only if a node is missed: then `previous` is the last missed node
+            is_past_missed = self._estimated_way >= way and self._moves_away_from(previous)
+            if (is_next or is_past_missed) and is_reached(place, move_start, here):
                 count = number + 1
                 if move_start is not None and move_start.map_id == here.map_id:
                     # the following nodes must be passed on the rest of the move
@@ -355,8 +356,8 @@ def in_sequence(nodes: Iterable[Node], edges: Iterable[Edge]) -> list[Node | Edg
 def is_reached(node: NodePosition, before: Position | None, now: Position) -> bool:
     """Return True if the vehicle has passed a node on its straight way from `before` to `now`.
 
-    If `before` is None, or on another map, the vehicle must be at the node now. Its heading must
-    fit, too, if the node demands one.
+    If `before` is None, or on another map, the vehicle must be at the node now. If the node demands
+    a heading, that of the vehicle must fit, too.
     """
     if node.map_id != now.map_id:
         return False
