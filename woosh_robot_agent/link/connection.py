@@ -131,6 +131,7 @@ class Liveness:
         self._transport = transport
         self._timeout = timeout
         self._usable_timeout = timeout * (1 - _MARGIN)
+        """Silence after which the link counts as lost, in seconds."""
         self._probe = probe
         self._sent = sent
         self._loop_time = asyncio.get_running_loop().time
@@ -153,6 +154,9 @@ class Liveness:
     async def watch(self) -> None:
         """Watch the connection for as long as the other end is alive; probe it while it is silent.
 
+        An answer to the probe is a sign of life, but so is any other frame. Each wait goes through
+        `_spend`, so that time in which this program is busy does not count as silence.
+
         Raises:
             ConnectionLostError: the other end is no longer alive.
         """
@@ -171,12 +175,12 @@ class Liveness:
                 if probe.done():
                     probe.result()
             except (RequestTimeoutError, SupersededError):
-                pass  # a probe that is a request has failed: only the silence decides
+                pass  # the probe was not answered or not even sent: only the silence decides
             finally:
                 await cancel_and_wait(probe)
 
     async def _spend(self, seconds: float, wait: Awaitable[object]) -> None:
-        """Await something that should take at most `seconds`."""
+        """Await something that should take at most `seconds`; if longer, this program was busy."""
         self._wait_ends = self._loop_time() + seconds + self._timeout * _STEP_SHARE
         await wait
 

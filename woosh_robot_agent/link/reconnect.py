@@ -336,6 +336,8 @@ class ReconnectLoop:
     async def _handshake(self, connection: Connection) -> None:
         """Renew the subscriptions, request RobotInfo, and check that the expected robot answers.
 
+        Pushes are held back until it is known which robot sends them.
+
         Raises:
             LinkError: the connection ended, or no answer arrived in time.
             HandshakeError: the answer is not a RobotInfo.
@@ -344,7 +346,10 @@ class ReconnectLoop:
         subscriptions, expected = self._subscriptions, self._robot
 
         def put_snapshot(answer: Answer) -> None:
-            """Deliver the pushes that were held back, and RobotInfo, if it is the right robot."""
+            """Deliver the pushes that were held back, then RobotInfo, unless another robot answers.
+
+            Called as soon as the answer is read, so that RobotInfo precedes the pushes after it.
+            """
             if not _identity_in(answer).differs_from(expected):
                 subscriptions.put_snapshot(answer)
 
@@ -356,7 +361,8 @@ class ReconnectLoop:
             robot = _identity_in(answer)
             if robot.differs_from(expected):
                 raise OtherRobotError(_OTHER_ROBOT(robot=str(robot), expected=str(expected)))
-            subscriptions.release()  # `put_snapshot` did so, unless the RobotInfo is unreadable
+            # `put_snapshot` has done so already, but not for a RobotInfo that cannot be read
+            subscriptions.release()
             # the link becomes ready only now: whoever commands the robot must know its state
             delivered = asyncio.ensure_future(subscriptions.wait_delivered())
             try:

@@ -163,7 +163,7 @@ class Standstill:
         """Loop time of the last stop, pause or cancel."""
         self._ends: RecentDict[int | str, float] = RecentDict(_MAX_ENDS)
         """Loop times of the last reports of ends: of tasks by id and by `_ANY_TASK`, of actions by
-        type."""
+        type. The end may be reported before the command is answered."""
         gate.on_answered(self._answered)
         gate.on_stop(self._rest)
         chassis.on_state(self._link_changed)
@@ -300,6 +300,7 @@ class Standstill:
         if expected.task_id and report.robot_task_id not in (expected.task_id, 0):
             return
         if not is_unfinished(report):
+            # if neither is 0, they are equal, see above
             has_its_id = expected.task_id and report.robot_task_id
             # before the task has begun, an end without its id is that of an earlier task
             if expected.begun or has_its_id:

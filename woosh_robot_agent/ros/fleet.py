@@ -108,7 +108,7 @@ def _create_nodes(options: dict[str, Any], stopping: Callable[[], bool]) -> list
 
     Args:
         stopping: returns True once the program has to end. From then on, no node is created,
-            except the first one.
+            except the first one, because there must be at least one agent.
 
     Raises:
         ValueError: there are too many robots, or a parameter is invalid.

@@ -110,7 +110,7 @@ NAV2 = (
     _action(
         "navigate_through_poses",
         "nav2_msgs/NavigateThroughPoses",
-        "one `MoveBase` through all poses, one by one",
+        "one `MoveBase` through all poses, in their order",
     ),
     _action(
         "follow_waypoints",

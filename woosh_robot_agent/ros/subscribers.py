@@ -71,9 +71,9 @@ class Subscribers:
 
     def publisher(self, message_class: Any, name: str, profile: QoSProfile) -> Any:
         """Create a publisher and add it to the set."""
-        # The callback is not passed to rclpy's `create_publisher`: if the middleware has no such
-        # events, that raises an error and destroys the new publisher. Subscribers sometimes do not
-        # discover the second publisher that would then have to be created in its place.
+        # The callback for matched events is not passed to rclpy's `create_publisher`: on middleware
+        # without these events, that raises an error and destroys the new publisher. Subscribers
+        # sometimes do not discover the second publisher that would have to be created in its place.
         publisher = create_publisher(self._node, message_class, name, profile)
         try:
             handlers = subscriber_event_handlers(

@@ -143,7 +143,10 @@ def _check(scene: Path, profile: str) -> int:
 
 
 async def _serve(config: SimulatorConfig, signals: StopSignals, dashboard_port: int | None) -> None:
-    """Serve clients until a signal arrives, and until they have disconnected, as `run` says.
+    """Serve clients until a signal arrives, and then for a short time, so that they can finish.
+
+    That time ends when all clients have disconnected, when another signal arrives, or after
+    `_DISCONNECT_TIMEOUT`. The page is closed before it.
 
     Args:
         dashboard_port: port of the page; None to serve no page.

@@ -357,9 +357,14 @@ class MqttConnection:
 class _Client(aiomqtt.Client):
     """The client of aiomqtt, with workarounds for four bugs of its release 2.5.1.
 
-    aiomqtt watches a socket that was closed meanwhile, and stores the reason of a lost connection
-    where nobody reads it: asyncio logs tracebacks of both. aiomqtt keeps a connection open that was
-    cancelled while it began, and a cancellation is lost if the broker does not take the DISCONNECT.
+    1. The exception of a lost connection is set on a future that may never be awaited. asyncio then
+       logs a traceback (`__init__`).
+    2. If the task is cancelled while it connects, the connection stays open (`__aenter__`,
+       `_on_disconnect`).
+    3. If the broker does not take the DISCONNECT, an MqttError replaces the cancellation or error
+       that ended the block (`__aexit__`).
+    4. A socket that was closed meanwhile is watched. asyncio then logs a traceback
+       (`_on_socket_register_write`).
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -390,7 +395,7 @@ class _Client(aiomqtt.Client):
                 raise  # otherwise the error or cancellation inside the block counts
 
     def _on_disconnect(self, *args: Any, **kwargs: Any) -> None:
-        if not self._connected.cancelled():  # aiomqtt would set the result of a cancelled future
+        if not self._connected.cancelled():  # aiomqtt calls its `exception`, which would raise
             super()._on_disconnect(*args, **kwargs)
 
     def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:

@@ -480,6 +480,7 @@ class Dashboard:
             return Outcome(False, page_text("reason.said", text=said_by(error)))
 
     async def _run_more(self, name: str, args: Args) -> Outcome:
+        """Run one of `more_commands`, and show the viewers its effect."""
         outcome = self._more_commands[name](args)
         # only the dashboard of a simulator has such commands, and it shows only one robot
         self.robots[0].parts.changed()

@@ -28,7 +28,7 @@ _SAME_MOMENT = 2.0
 
 @dataclass
 class _Task:
-    """A task.
+    """A task in the log.
 
     Attributes:
         command: name and arguments of the page's command that gave the task; empty for other tasks.

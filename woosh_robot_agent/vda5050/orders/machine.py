@@ -266,6 +266,7 @@ class OrderMachine:
             return kind
         horizon: list[Node | Edge] = []
         if kind is OrderKind.UPDATE:
+            # an update replaces the horizon; its first node repeats the last one of the base
             horizon = [part for part in self.route.parts if not part.released]
             kept = self._actions.ids_without(horizon)
             check_first_actions(order, kept.__contains__)
