@@ -344,7 +344,9 @@ async def block(client: ChassisClient, wire: Wire) -> asyncio.Task[Answer]:
     wire.freeze()
     load = asyncio.ensure_future(client.request(Speak(text=LOAD)))
     await turns()
-    await eventually(lambda: client.debug()["outbox"] == 0, "the load, which is encoded in the thread")
+    await eventually(
+        lambda: client.debug()["outbox"] == 0, "the load, which is encoded in the thread"
+    )
     await turns()
     return load
 

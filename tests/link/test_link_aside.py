@@ -1,4 +1,4 @@
-"""Large messages are converted aside: nothing waits for them, and nothing changes its order."""
+"""Large messages are converted in a thread: nothing waits for them, nor changes its order."""
 
 from __future__ import annotations
 

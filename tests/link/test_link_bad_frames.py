@@ -38,7 +38,7 @@ async def test_a_bad_frame_is_counted_logged_once_and_skipped(
         for _ in range(3):
             await wire.raw(frame)
         assert (await answered(client.request(Speak()), wire)).ok
-        # a large frame is decoded aside
+        # a large frame is decoded in the thread
         await eventually(lambda: client.stats.bad_frames == {counted: 3})
         assert client.stats.rx == 2
         assert client.stats.connects == 1
