@@ -327,6 +327,22 @@ async def test_a_stop_silences_the_stream_until_a_zero_or_a_pause(until: str) ->
         await stream.sent(0.1, 0.0, 0.3)
 
 
+@pytest.mark.parametrize("late", [0.0, 0.2])
+async def test_what_was_sent_before_a_stop_does_not_end_the_refusal(late: float) -> None:
+    """A sender that rested, began just before the stop, and goes on."""
+    clock = asyncio.get_running_loop().time
+    async with driving(hold=0.0, rate=1e9) as stream:
+        published = clock()
+        assert (await soon(stream.gate.stop(TIMEOUT))).success
+        stream.drive(late, age=clock() - published)
+        stream.drive(0.3)
+        await stream.settle()
+        await stream.sent(0.0)
+        stream.drive(0.0)
+        stream.drive(0.4)
+        await stream.sent(0.0, 0.4)
+
+
 async def test_velocities_that_no_robot_reaches_are_no_pause_of_the_sender() -> None:
     async with driving(hold=0.0, rate=1e9) as stream:
         stream.gate.timing = replace(stream.gate.timing, pause=NEVER)

@@ -6,12 +6,14 @@ import math
 from typing import Any
 
 import pytest
+from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger
 
 from tests.harness import Client, wait_until
-from tests.node.goals import replace_answers
+from tests.node.goals import SUCCEEDED, move_base, replace_answers
 from tests.node.nav2.goals import pose
+from woosh_robot_agent.pb.ros.action_pb2 import kCancel
 from woosh_robot_agent.simulator import SimulatorThread
 
 CALL_ACTION = "woosh.ros.CallAction"
@@ -90,6 +92,18 @@ class TestGoalPose:
         simulator.wait_received(CALL_ACTION)
         assert client.call(Trigger, "cancel").success
         wait_until(lambda: not client.call(Trigger, "cancel").success)
+        wait_until(lambda: simulator.state.velocity.forward == 0)
+
+    def test_it_is_no_goal_of_the_action_but_a_cancel_order_of_the_action_ends_it(
+        self, simulator, sender, client, logs
+    ):
+        sender.goal_pose(-8.0, 8.0, 0.5)
+        simulator.wait_received(CALL_ACTION)
+        assert not client.call(CancelGoal, "ros/MoveBase/_action/cancel_goal").goals_canceling
+        wait_until(lambda: simulator.state.velocity.forward > 0)
+        assert simulator.counts[CALL_ACTION] == 1
+        assert move_base(client, 0.0, action=kCancel).result()[0] == SUCCEEDED
+        logs.wait_text("goal_pose was not reached: cancelled")
         wait_until(lambda: simulator.state.velocity.forward == 0)
 
     @pytest.mark.parametrize("is_cancelled", [True, False])

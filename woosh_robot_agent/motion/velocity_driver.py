@@ -128,11 +128,13 @@ class Silence:
         self._gate = gate
         self._received = -math.inf
         """Loop time of the last velocity that was received, or is known to be lost."""
+        self._begun = -math.inf
+        """Loop time of the last call of `begin`."""
         gate.on_stop(partial(self.begin, _STOPPED))
 
     def begin(self, reason: str) -> None:
         """Refuse velocities for `reason` from now on."""
-        self.reason = reason
+        self.reason, self._begun = reason, asyncio.get_running_loop().time()
 
     @property
     def objection(self) -> str:
@@ -150,7 +152,8 @@ class Silence:
         # during a stall, this process received nothing, even if the sender went on
         silent_since, self._received = max(self._received, self._gate.stall_ended), now
         has_paused = min(published, now) - silent_since > self._gate.timing.pause
-        if not moves or has_paused:
+        # what was sent before the refusal began does not end it
+        if published >= self._begun and (not moves or has_paused):
             self.reason = ""
 
     def note_lost(self) -> None:

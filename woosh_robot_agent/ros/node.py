@@ -220,7 +220,7 @@ class Agent:
             `outbox`: Number of frames that wait to be sent.
             `pushes`: Number of pushes and answers that wait to be delivered.
             `counters`: The link's counters, by the names of the attributes of `LinkStats`.
-            `goals`: Number of goals that have not ended.
+            `goals`: Number of goals of action servers that have not ended.
             `running_goals`: Number of goals that the robot may be working on.
             `tasks`: Names of the asyncio tasks in the link thread.
 
