@@ -67,6 +67,11 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
     ("text", "reason"),
     [
         ("", "not a parameter file"),
+        (
+            "/**: {ros__parameters: {robots: [a], ip: host}}\n"
+            "/a/agent: {ros_parameters: {port: 7}}",
+            "not a parameter file",
+        ),
         ("a: [", "not readable as YAML"),
         ("/**: {ros__parameters: {ip: host}}", "list the names of the robots"),
         ("/**: {ros__parameters: {robots: [a]}}", "robot a: it needs an ip"),

@@ -60,8 +60,7 @@ def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
     Raises:
         ValueError: the content lists no robots, or a robot is invalid.
     """
-    if not isinstance(content, dict):
-        raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
+    _check_sections(content)
     names = _parameters(content, f"/{_NODE}").get("robots")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
         raise ValueError("list the names of the robots: /**: {ros__parameters: {robots: [r1, r2]}}")
@@ -74,6 +73,15 @@ def _robots(content: Any, default: LinkConfig) -> list[ListedRobot]:
             raise ValueError(f"robot {name}: {error}") from None
         robots.append(robot)
     return robots
+
+
+def _check_sections(content: Any) -> None:
+    """Raise ValueError if some of the content is in no section, e.g. after a typing error."""
+    if not isinstance(content, dict):
+        raise ValueError("it is not a parameter file: NODE: {ros__parameters: {NAME: VALUE}}")
+    for key, value in content.items():
+        if key != "ros__parameters" or not isinstance(value, dict):
+            _check_sections(value)
 
 
 def _parameters(content: Any, node: str) -> dict[str, Any]:
