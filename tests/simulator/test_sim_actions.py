@@ -229,6 +229,20 @@ def test_leaving_a_charger_elsewhere_succeeds_without_moving(client: SteppedClie
     assert client.chassis.base.odometer == odometer
 
 
+def test_leaving_a_charger_ends_the_charge_even_if_the_robot_was_placed_elsewhere() -> None:
+    client = SteppedClient(profile="tr200")
+    client.subscribe(FEEDBACKS)
+    client.ask("woosh.robot.InitRobot", {"pose": {"x": -10.8, "y": 0.5, "theta": 3.14}})
+    client.run(10.0)
+    client.ask(CALL, CHARGE)
+    assert feedback_until_end(client)[-1]["state"] == SUCCESS
+    assert client.ask("woosh.robot.Battery")["chargeState"] == 3
+    client.ask("woosh.robot.SetRobotPose", {"pose": {"x": 3, "y": 0}})
+    client.ask(CALL, EXIT)
+    assert feedback_until_end(client)[-1]["state"] == SUCCESS
+    assert client.ask("woosh.robot.Battery")["chargeState"] == 1
+
+
 def test_leaving_a_charger_is_refused_while_a_task_charges(client: SteppedClient) -> None:
     client.subscribe(FEEDBACKS, "woosh.robot.TaskProc")
     client.ask("woosh.robot.ExecTask", {"taskId": 5, "type": 3, "markNo": "C1"})

@@ -68,7 +68,8 @@ def test_later_sections_override_earlier_ones_and_the_command_line(tmp_path: Pat
     [
         ("", "not a parameter file"),
         (
-            "/**: {ros__parameters: {robots: [a], ip: host}}\n/a/agent: {port: 7}",
+            "/**: {ros__parameters: {robots: [a], ip: host}}\n"
+            "/a/agent: {ros_parameters: {port: 7}}",
             "not a parameter file",
         ),
         ("a: [", "not readable as YAML"),

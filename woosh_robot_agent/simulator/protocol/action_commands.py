@@ -107,6 +107,8 @@ def _call_action(chassis: Chassis, request: ros_pack_pb2.CallAction) -> None:
         # Leaving the charger needs the wheels, and ends a charge too.
         ends = Device.CHARGER if field == "charge_control" else Device.NONE
         chassis.ownership.start_action(name, _JOBS[field](chassis, action), ends=ends)
+        if field == "charge_control" and action.execute_mode == action_pb2.ChargeControl.kExit:
+            chassis.battery.charging = robot_pb2.Battery.kNot  # even if the robot need not drive
     elif action.action == action_pb2.kCancel:
         chassis.actions.cancel(name)
     elif action.action == action_pb2.kPause:

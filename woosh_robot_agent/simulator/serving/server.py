@@ -128,7 +128,7 @@ class Server:
                 tcp = await serve_tcp(
                     self._serve, config.host, self.tcp_port, max_size=config.max_frame
                 )
-            except OSError:
+            except BaseException:  # also a cancellation
                 await websocket.close()
                 raise
             self._listeners = [websocket, tcp]

@@ -338,6 +338,8 @@ class RecordingFiles:
         self.end_early(f"cannot write to {error.filename or path}: {error.strerror or error}")
 
     def end_early(self, reason: str) -> None:
-        """Note that nothing more is written, for a reason."""
+        """Note that nothing more is recorded, for a reason; only the first one is told."""
+        if self.failed:
+            return
         self.failed = True
         self._on_early_end(reason)

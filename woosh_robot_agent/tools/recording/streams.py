@@ -159,7 +159,7 @@ processor has the code and data in its caches.
 _MAX_COLLECTED = 1024 * 1024
 """Size of the collected bytes above which the frames in them are recorded at once, in bytes."""
 _MAX_WAITING = 64 * 1024 * 1024
-"""Total size of batches waiting for a slow disk above which forwarding has to wait, in bytes."""
+"""Total size of batches waiting for a slow disk above which the recording ends, in bytes."""
 
 
 @dataclass(eq=False)
@@ -185,6 +185,9 @@ class FrameRecorder:
     not delay the forwarding. Everything is recorded in the order of the calls. The time of a frame
     is the time of the call of `add` with its last bytes.
 
+    If the disk hangs, the recording ends when `_MAX_WAITING` is exceeded: a forwarded command may
+    be a stop, which must not wait for the disk.
+
     Args:
         writer: writer of the recording. Until `close`, only the separate thread writes with it.
     """
@@ -200,10 +203,12 @@ class FrameRecorder:
         """Work handed over to the thread, each with the number of its bytes, the oldest first."""
         self._timer: asyncio.TimerHandle | None = None
         """Timer that hands the current batch over; None while the batch is empty."""
+        self._has_ended = False
+        """True once too many bytes waited: nothing more is recorded."""
 
     def add(self, direction: Direction, data: bytes) -> None:
         """Add bytes to the current batch; record the batch if it is large."""
-        if direction.parser is None:
+        if direction.parser is None or self._has_ended:
             return
         self._collected.append((self._writer.now(), direction, data))
         self._collected_size += len(data)
@@ -242,15 +247,21 @@ class FrameRecorder:
             self._waiting.popleft()[0].result()
 
     def _hand_over(self, size: int, work: Callable[..., None], *arguments: Any) -> None:
-        """Run work on `size` bytes in the thread; block while too many bytes wait for it.
+        """Run work on `size` bytes in the thread; end the recording if too many bytes wait for it.
 
         An error of earlier work is raised here.
         """
+        if self._has_ended:
+            return
         self._waiting.append((self._thread.submit(work, *arguments), size))
         while self._waiting and self._waiting[0][0].done():
             self._waiting.popleft()[0].result()
-        while sum(each for _, each in self._waiting) > _MAX_WAITING:
-            self._waiting.popleft()[0].result()
+        if sum(each for _, each in self._waiting) > _MAX_WAITING:
+            self._has_ended = True
+            self._writer.files.end_early(
+                f"the disk of {self._writer.files.paths[-1]} hangs or is too slow: record to "
+                "another disk"
+            )
 
     def _parse_all(self, collected: list[tuple[int, Direction, bytes]]) -> None:
         for received, direction, data in collected:
