@@ -108,6 +108,7 @@ ANSWERS: dict[str, Callable[[Any, Any], Any]] = {
     "robot/SwitchWorkMode": lambda arg, answer: answer.ret.work == arg.mode,
     "robot/SwitchFootPrint": lambda arg, answer: answer.ret.type == arg.type,
     "robot/ScannerData": lambda arg, answer: len(answer.ret.ranges) > 100,
+    "robot/ChangeNavMode": lambda arg, answer: "no effect" not in answer.msg,
     "setting/Identity": lambda arg, answer: answer.ret.name == arg.name,
     "setting/Server": lambda arg, answer: answer.ret.ip == arg.ip,
     "setting/Power": lambda arg, answer: answer.ret.full == arg.full,

@@ -37,11 +37,14 @@ class Refusal:
             `str.format`.
         words: text of the real robot's answer.
         code: status code that follows the answer of the real robot; None if there is none.
+        harmless: True if the request merely has no effect. With a profile that explains refusals,
+            it is then answered with `ok` true, and the explanation.
     """
 
     explanation: str
     words: str = REQUEST_FAILED
     code: Code | None = None
+    harmless: bool = False
 
     @property
     def reason(self) -> str:
@@ -124,6 +127,11 @@ NOT_WAITING = Refusal("no task is waiting: there is no wait to end", code=codes.
 
 NO_NAVIGATION = Refusal(
     "no navigation is running: start a task first", code=codes.PATH_NOT_NAVIGATING
+)
+NAVIGATION_MODE_UNUSED = Refusal(
+    "no effect: a navigation mode counts only while a task is navigating",
+    code=codes.MODE_NOT_NAVIGATING,
+    harmless=True,
 )
 NO_NAVIGATION_FOR_MODE = Refusal(
     "no navigation is running: a navigation mode counts only during a navigation",

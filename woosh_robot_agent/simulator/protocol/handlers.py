@@ -68,7 +68,7 @@ class Answer:
         type: full protobuf name of the body; without a body, that of the request, or `error` if
             the request is unknown.
         body: body, None for an empty body.
-        ok: True if the request was executed.
+        ok: True if the request was executed, or if its refusal is `harmless` and explained.
         msg: text for people; the reason if the request was refused; empty for most queries.
         code: status code that follows the answer, None if there is none.
     """
@@ -112,9 +112,11 @@ def _answer_refused(chassis: Chassis, name: str, error: RefusedError) -> Answer:
     """Return the answer to a request that its handler has refused, worded as in the profile."""
     refusal, profile = error.refusal, chassis.profile.refusals
     _LOG.info("%s is refused: %s", name, error)
-    text = str(error) if profile.explained else profile.texts.get(name, refusal.words)
+    if profile.explained:
+        return Answer(name, None, ok=refusal.harmless, msg=str(error))
+    words = profile.texts.get(name, refusal.words)
     code = refusal.code if profile.codes else None
-    return Answer(name, None, ok=False, msg=text, code=code)
+    return Answer(name, None, ok=False, msg=words, code=code)
 
 
 def refusal_answer(name: str, reason: str) -> Answer:

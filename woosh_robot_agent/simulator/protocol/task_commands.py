@@ -132,7 +132,7 @@ def _change_nav_path(chassis: Chassis, request: pack.ChangeNavPath) -> None:
 @command(pack.ChangeNavMode)
 def _change_nav_mode(chassis: Chassis, request: pack.ChangeNavMode) -> None:
     if chassis.ownership.navigation is None:
-        raise RefusedError(refusals.NO_NAVIGATION_FOR_MODE)
+        raise RefusedError(refusals.NAVIGATION_MODE_UNUSED)
     if request.nav_mode.max_speed < 0.0:
         raise RefusedError(
             f"max_speed {request.nav_mode.max_speed:g} is negative: use 0 for the default"
