@@ -383,18 +383,17 @@ _GONE = {
         ),
         "its value is fixed",
     ),
+    "executor": "the agent has one executor for all releases and middleware",
 }
 """Parameters that do not exist any more, and what to do instead."""
-_NO_EFFECT = {"executor": "the agent has one executor for all releases and middleware"}
-"""Parameters of former versions that may still be set, and why they have no effect."""
 
 
 def check_names(names: Iterable[str]) -> list[str]:
     """Check the names of parameters that a user has set.
 
     Returns:
-        A warning for each name without effect: one of `_NO_EFFECT`, or a name that looks misspelt.
-        All other names may belong to other nodes that share the parameter file.
+        A warning for each name that looks misspelt. All other names may belong to other nodes that
+        share the parameter file.
 
     Raises:
         ValueError: a parameter does not exist any more.
@@ -403,9 +402,7 @@ def check_names(names: Iterable[str]) -> list[str]:
     for name in names:
         if name in _GONE:
             raise ValueError(f"there is no parameter {name}: {_GONE[name]}")
-        if name in _NO_EFFECT:
-            warnings.append(f"setting {name} has no effect: {_NO_EFFECT[name]}")
-        elif name not in _BY_NAME and (
+        if name not in _BY_NAME and (
             similar := difflib.get_close_matches(name, _BY_NAME, n=1, cutoff=0.8)
         ):
             warnings.append(

@@ -240,7 +240,7 @@ def test_cancel_of_a_replaced_goal_does_not_hit_the_newer_one(robot: Robot, both
     else:
         old.cancel()
     held.release()
-    assert old.wait_aborted().msg == REPLACED
+    old.wait_aborted("replaced by")  # by the answer to the newer goal, or by a poll
     remove()
     hurry(robot.chassis)
     assert new.result()[0] == (CANCELED if both else SUCCEEDED)

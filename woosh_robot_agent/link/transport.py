@@ -135,8 +135,8 @@ except ImportError:
 RAW_TEXT: dict[str, Any] = (
     {"decode": False} if "decode" in inspect.signature(ClientSocket.recv).parameters else {}
 )
-"""Options of `recv` with which text frames come as bytes. Otherwise a text frame that is not UTF-8
-ends the connection."""
+"""Options of `recv` that return a text frame as bytes, where this release of websockets has them.
+Without them, websockets ends the connection at a text frame that is not UTF-8."""
 _NO_PROXY: dict[str, Any] = (
     {"proxy": None} if "proxy" in inspect.signature(_connect).parameters else {}
 )

@@ -54,8 +54,8 @@ FOLLOW = "Follow"
 EXECUTING = (kRosExecuting, kRosErrMsg, kRosPauseFailed)
 """States of an action that goes on; kRosErrMsg reports an error on the way, e.g. an obstacle."""
 
-_WITH_TASK = (robot_pb2.kTask, robot_pb2.kParking)
-"""States of a robot that has accepted a task."""
+WITH_TASK = (robot_pb2.kTask, robot_pb2.kParking)
+"""States of a robot that has accepted a task and not left it yet, also between two of a set."""
 _UNFINISHED = (
     task_pb2.kInit,
     task_pb2.kReady,
@@ -154,7 +154,7 @@ class WheelOwner:
     @property
     def awaits_task(self) -> bool:
         """True if the robot has accepted a task, and has not reported that it has begun."""
-        return self._state in _WITH_TASK and not is_unfinished(self._task)
+        return self._state in WITH_TASK and not is_unfinished(self._task)
 
     def current_set(self, within: float = 0.0) -> int:
         """Return the id of the set whose task goes on, or has ended at most `within` seconds ago.
@@ -181,7 +181,7 @@ class WheelOwner:
 
     def _state_changed(self, state: int) -> None:
         before, self._state = self._state, state
-        self.acceptances += state in _WITH_TASK and before not in _WITH_TASK
+        self.acceptances += state in WITH_TASK and before not in WITH_TASK
 
     def _task_changed(self, report: TaskProc) -> None:
         """Note the state of the task; call `on_start` if it drives and did not before."""

@@ -183,12 +183,12 @@ def _busy_or_among(possible: Container[Objection], info: RobotInfo) -> list[Obje
 
 
 def _for_mapping(info: RobotInfo) -> list[Objection]:
-    """Return the reasons for a request that makes a map."""
+    """Return why the robot refuses to make a map now."""
     return [*_for_deployment(info), *_among(CONTROL_MODES, info)]
 
 
 def _for_deployment(info: RobotInfo) -> list[Objection]:
-    """Return the reasons for a request that needs deployment mode."""
+    """Return why the robot refuses a request that needs the deployment mode now."""
     found = [each for each in busy_objections(info) if each != MAPPING]
     # A robot without a work mode is not in deployment mode either.
     if info.HasField("mode") and info.mode.work != kDeployMode:

@@ -18,7 +18,7 @@ from woosh_robot_agent.link import Body, ChassisClient
 from woosh_robot_agent.link.reports import LogOnce, RecentDict
 from woosh_robot_agent.motion import AnsweredCommand, MotionGate
 from woosh_robot_agent.motion.requests import may_move
-from woosh_robot_agent.motion.wheel_owner import TASK, TASKS_PER_SET, is_unfinished
+from woosh_robot_agent.motion.wheel_owner import TASK, TASKS_PER_SET, WITH_TASK, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ExecPreTask, ExecTask, Follow, Twist
 from woosh_robot_agent.pb.robot.robot_pb2 import PoseSpeed, RobotInfo, RobotState, TaskProc
 from woosh_robot_agent.pb.task.woosh_task_pb2 import RepeatTask
@@ -211,7 +211,7 @@ _OWN_TASKS = {
     task_pb2.kCharge: Said("charging", "type.charge"),
 }
 """Names of the tasks that a robot starts by itself, by type."""
-_BUSY = (robot.kTask, robot.kParking, robot.kFollowing)
+_BUSY = (*WITH_TASK, robot.kFollowing)
 """States of a robot that has a task, or follows somebody."""
 _MAX_TASKS = 50
 """Maximum number of the agent's tasks, and of its task sets, that are remembered."""
@@ -346,7 +346,7 @@ class WhoDrives:
             return Driver(NOBODY)
         if now - self._velocities.last_time < ROLL_OUT:
             return Driver(self._velocities.last, _ROLLS)
-        if info.state in (robot.kTask, robot.kParking):
+        if info.state in WITH_TASK:
             return Driver(UNKNOWN, _UNREPORTED)
         return Driver(UNKNOWN, _UNEXPLAINED)
 

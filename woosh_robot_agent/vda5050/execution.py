@@ -12,6 +12,7 @@ from dataclasses import replace
 from woosh_robot_agent.link import LinkState
 from woosh_robot_agent.motion import SpeedLimiter
 from woosh_robot_agent.motion.timeliness import boot_time
+from woosh_robot_agent.motion.wheel_owner import WITH_TASK
 from woosh_robot_agent.pb.util import robot_pb2 as robot
 from woosh_robot_agent.pb.util import task_pb2 as task
 from woosh_robot_agent.sentences import Sentence, said_by
@@ -201,7 +202,7 @@ class Execution:
         """True from the end of a task until the robot has left it and can take the next one."""
         if self.drive.id or self.tasks.runner.id or self.robot.info is None:
             return False
-        is_in_task = self.robot.info.state in (robot.kTask, robot.kParking)
+        is_in_task = self.robot.info.state in WITH_TASK
         now = asyncio.get_running_loop().time()
         return is_in_task and now < max(self.drive.leaves_until, self.tasks.runner.leaves_until)
 

@@ -17,7 +17,7 @@ from google.protobuf.message import Message
 
 from woosh_robot_agent.link import Answer
 from woosh_robot_agent.link.protos import full_name
-from woosh_robot_agent.motion.wheel_owner import TASKS_PER_SET, is_unfinished
+from woosh_robot_agent.motion.wheel_owner import TASKS_PER_SET, WITH_TASK, is_unfinished
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecPreTask, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotState, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2, robot_pb2, task_pb2
@@ -42,8 +42,6 @@ def _note_polled_end(context: GoalContext, task_id: int, end: End) -> None:
         context.gate.wheel_owner.task_ended(task_id)
 
 
-_WITH_TASK = (robot_pb2.kTask, robot_pb2.kParking)
-"""States of a robot that executes a task, or is about to begin the next one of a set."""
 OUTCOMES = {
     task_pb2.kCompleted: Outcome.SUCCEEDED,
     task_pb2.kFailed: Outcome.ABORTED,
@@ -146,7 +144,7 @@ class TaskSetGoal(_TasksGoal):
 
     def is_displaced(self, message: Message) -> bool:
         if isinstance(message, RobotState):
-            return message.state not in _WITH_TASK
+            return message.state not in WITH_TASK
         return isinstance(message, TaskProc) and not self._is_executing(message)
 
     def _is_own(self, current: TaskProc) -> bool:
@@ -154,7 +152,7 @@ class TaskSetGoal(_TasksGoal):
         if self._is_executing(current):
             return True
         state = self._context.last_known.value(RobotState)
-        return not is_unfinished(current) and state is not None and state.state in _WITH_TASK
+        return not is_unfinished(current) and state is not None and state.state in WITH_TASK
 
     def _read_current(self, current: TaskProc) -> PollResult:
         """Return the report on the current task of the set.

@@ -17,6 +17,7 @@ from woosh_robot_agent.link import (
     NotConnectedError,
     RequestTimeoutError,
 )
+from woosh_robot_agent.motion.wheel_owner import WITH_TASK
 from woosh_robot_agent.pb.robot.robot_pack_pb2 import ActionOrder, ExecTask
 from woosh_robot_agent.pb.robot.robot_pb2 import RobotInfo, TaskHistory, TaskProc
 from woosh_robot_agent.pb.util import action_pb2 as action
@@ -409,7 +410,7 @@ class TaskRunner:
 
         answer = await self._link.ask(RobotInfo(), tap=take_answer)
         state = answer.body.state if isinstance(answer.body, RobotInfo) else None
-        return state in (robot.kTask, robot.kParking) and not self.foreign_id
+        return state in WITH_TASK and not self.foreign_id
 
     async def _learn_end(self, task_id: int) -> None:
         """Ask for the state of the robot until it answers: an order may wait for the task's end.
