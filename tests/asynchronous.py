@@ -1,11 +1,13 @@
-"""How asynchronous tests run, and a function that waits for a condition."""
+"""How asynchronous tests run, and what they share: waits, and a server that reads nothing."""
 
 from __future__ import annotations
 
 import asyncio
 import gc
+import socket
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 TIMEOUT = 60.0
@@ -46,3 +48,21 @@ async def eventually(condition: Callable[[], Any], what: str = "", timeout: floa
             raise AssertionError(f"timed out waiting for {what or condition}")
         await asyncio.sleep(0.005)
     return value
+
+
+@contextmanager
+def listening(receive_buffer: int) -> Iterator[socket.socket]:
+    """Listen on a port; what a connection cannot buffer, in bytes, stays in the sender's kernel."""
+    with socket.socket() as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        server.setblocking(False)
+        yield server
+
+
+async def read_to_end(connection: socket.socket, within: float = TIMEOUT) -> None:
+    """Read what arrives, each part within a time in seconds, until the other end closes."""
+    loop = asyncio.get_running_loop()
+    while await asyncio.wait_for(loop.sock_recv(connection, 1 << 20), within):
+        pass

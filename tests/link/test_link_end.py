@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.asynchronous import listening, read_to_end
 from tests.link.link_peer import (
     INFO,
     TIMEOUT,
@@ -51,11 +52,6 @@ async def test_a_close_ends_even_if_the_other_end_reads_nothing(kind: str, is_fu
             await task
 
 
-async def read_to_end(connection: socket.socket) -> None:
-    while await asyncio.get_running_loop().sock_recv(connection, 1 << 20):
-        pass
-
-
 async def test_what_the_kernel_has_not_sent_is_dropped_with_the_connection() -> None:
     """A command must not arrive when the link was given up long ago."""
     loop = asyncio.get_running_loop()
@@ -75,11 +71,7 @@ async def test_what_the_kernel_has_not_sent_is_dropped_with_the_connection() -> 
 
 async def test_what_the_kernel_has_not_sent_is_dropped_soon_after_an_orderly_close() -> None:
     loop = asyncio.get_running_loop()
-    with socket.socket() as server:
-        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)  # the rest stays in the kernel
-        server.bind(("127.0.0.1", 0))
-        server.listen()
-        server.setblocking(False)
+    with listening(4096) as server:
         transport = await open_transport(config(server.getsockname()[1], transport="tcp"))
         chassis, (_, port) = await loop.sock_accept(server)
         with chassis:

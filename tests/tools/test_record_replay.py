@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import socket
 from contextlib import AsyncExitStack
 from typing import Any
 
 import pytest
 
-from tests.asynchronous import eventually
+from tests.asynchronous import eventually, listening, read_to_end
 from tests.quick_chassis import quick_config
 from tests.tools.connections import KINDS, connected, link
 from tests.tools.recordings import recording
@@ -213,22 +212,12 @@ async def test_the_end_of_the_recording_is_not_a_lost_connection(tmp_path):
         assert client.stats.connects == 1
 
 
-async def read_to_end(connection: socket.socket) -> None:
-    loop = asyncio.get_running_loop()
-    while await asyncio.wait_for(loop.sock_recv(connection, 1 << 20), 5):
-        pass
-
-
 @pytest.mark.parametrize("client_ends", [False, True])
 async def test_what_the_network_has_not_taken_is_dropped(tmp_path, monkeypatch, client_ends):
     """A command must not arrive long after the end of its client or of the recording."""
     monkeypatch.setattr("woosh_robot_agent.tools.recording.proxy._LINGER_TIMEOUT", 0.1)
     loop = asyncio.get_running_loop()
-    with socket.socket() as server:
-        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)  # it takes only a few kB
-        server.bind(("127.0.0.1", 0))
-        server.listen()
-        server.setblocking(False)
+    with listening(1) as server:  # it takes only a few kB
         async with recording(tmp_path / "a.mcap", server.getsockname()[1]) as port:
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
             chassis, _ = await loop.sock_accept(server)
@@ -239,7 +228,7 @@ async def test_what_the_network_has_not_taken_is_dropped(tmp_path, monkeypatch, 
                 with contextlib.suppress(ConnectionResetError):
                     await asyncio.wait_for(reader.read(), 5)  # until the proxy has ended, too
         with chassis, pytest.raises(ConnectionResetError):
-            await read_to_end(chassis)
+            await read_to_end(chassis, 5)
         writer.close()
 
 

@@ -72,9 +72,7 @@ def cancel_orders() -> dict[str, Message]:
     for field in CallAction.DESCRIPTOR.oneofs_by_name["action"].fields:
         if field.message_type is not None and field.message_type.full_name in ACTIONS:
             call: Any = CallAction()
-            member = getattr(call, field.name)
-            member.SetInParent()  # assigning CANCEL_ACTION, which is 0, does not set the member
-            member.action = CANCEL_ACTION
+            getattr(call, field.name).action = CANCEL_ACTION
             orders[field.message_type.name] = call
     orders[FOLLOW] = Follow()  # without `type`, it ends the following
     return orders
@@ -165,8 +163,8 @@ _MAX_DELAY = 20.0
 """Maximum time that a command is expected to be on its way, in seconds. One that seems to be older
 comes from a computer whose clock differs."""
 _LONGEST_LOSS = 30.0
-"""Maximum time from a stop to the return of a lost link, in seconds, after which what has begun
-meanwhile is cancelled. After a longer time, somebody else may have started it."""
+"""Maximum time from a stop to the return of a lost link, in seconds. If the link returns in time,
+what has begun meanwhile is cancelled. Later, somebody else may have started it."""
 _BEFORE_STOP = Sentence(
     "it was sent before the last stop of the robot: send it again, and if this repeats, "
     "synchronise the clocks of the two computers"
@@ -481,12 +479,12 @@ class MotionGate:
     async def _request(self, message: Message, how: Sending, sender: Sender) -> Answer:
         """Send a motion command; hold a velocity back while the chassis does not answer."""
         if not isinstance(message, Twist):
-            starts = takes_wheels(message)
-            self._unanswered_starts += starts
+            is_start = takes_wheels(message)
+            self._unanswered_starts += is_start
             try:
                 return await self._send_if_allowed(message, how, sender)
             finally:
-                self._unanswered_starts -= starts
+                self._unanswered_starts -= is_start
 
         def send(within: float) -> Coroutine[Any, Any, Answer]:
             # urgent: it is sent even if many other requests are in flight

@@ -186,7 +186,7 @@ class WheelOwner:
     def _task_changed(self, report: TaskProc) -> None:
         """Note the state of the task; call `on_start` if it drives and did not before."""
         before, self._task = self._task, report
-        self.task_id = report.robot_task_id or self.task_id  # after the end, one without id comes
+        self.task_id = report.robot_task_id or self.task_id  # after the end, it has no id
         if is_unfinished(before) and not is_unfinished(report):
             self._task_ended = time.monotonic()
         self._update_name()

@@ -346,9 +346,8 @@ class TestAssistedTeleop:
         goal.feedback.wait_count(len(goal.feedback.messages) + 5)
         assert not goal.done
 
-    def test_its_end_does_not_pause_a_drive_that_has_just_begun(self, own_robot: Robot) -> None:
-        """The chassis answers the start late, and reports it still later."""
-        robot = own_robot
+    def begin_an_unanswered_drive(self, robot: Robot) -> tuple[Nav2Client, Held]:
+        """Start MoveBase during a goal; return the goal, and what holds the answer back."""
         assert change(robot, cmd_vel_timeout=5.0) == (True, "")
         goal = Nav2Client(robot, "assisted_teleop")
         self.drive(robot.publisher(Twist, "cmd_vel_teleop"), robot)
@@ -356,6 +355,12 @@ class TestAssistedTeleop:
         held = Held(robot.chassis, CALL_ACTION)
         move_base(robot, 3.0)
         robot.chassis.wait_received(CALL_ACTION)
+        return goal, held
+
+    def test_its_end_does_not_pause_a_drive_that_has_just_begun(self, own_robot: Robot) -> None:
+        """The chassis answers the start late, and reports it still later."""
+        robot = own_robot
+        goal, held = self.begin_an_unanswered_drive(robot)
         goal.feedback.wait_count(len(goal.feedback.messages) + 5)
         held.release()
         goal.wait_aborted("ros/MoveBase drives the robot")
@@ -365,14 +370,8 @@ class TestAssistedTeleop:
         self, own_robot: Robot
     ) -> None:
         robot = own_robot
-        assert change(robot, cmd_vel_timeout=5.0) == (True, "")
         robot.set_motion_timing(unanswered=TIMEOUT, driving=TIMEOUT)
-        goal = Nav2Client(robot, "assisted_teleop")
-        self.drive(robot.publisher(Twist, "cmd_vel_teleop"), robot)
-        robot.chassis.intercept(without_reports)
-        held = Held(robot.chassis, CALL_ACTION)
-        move_base(robot, 3.0)
-        robot.chassis.wait_received(CALL_ACTION)
+        goal, held = self.begin_an_unanswered_drive(robot)
         goal.cancel()
         robot.call(RobotState, "robot/RobotState")  # answered after a zero, if one was sent
         held.release()

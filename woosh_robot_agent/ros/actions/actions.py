@@ -251,8 +251,7 @@ class Actions:
         if self._is_stopping:
             run.abort(STOPPING)
             return run
-        # here, because the next goal counts the open ones, perhaps before `run` begins (in Python
-        # before 3.12)
+        # not in `run`: before Python 3.12, it begins later, and the next goal must count this one
         context.open_goals.append(run)
         task = start_task(run.run(), name=f"goal: {run.name}")
         self._runs[task] = run

@@ -224,7 +224,7 @@ class AssistedTeleop(Nav2Action):
         self._goal = goal
         try:
             await goal.wait_until(lambda: False, tick=tick)  # something else always ends the goal
-        except Exception:  # also a defect; not when the agent stops: then the gate stops the robot
+        except Exception:  # a GoalEnd or a defect; if the agent ends, the gate stops the robot
             await self._driver.end()
             await self.context.pose.wait_until_standing()
             raise

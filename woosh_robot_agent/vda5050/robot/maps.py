@@ -70,7 +70,7 @@ class RobotMaps:
         """Set when a request for the marks of the scene has been answered, or has failed."""
         self._retry = Backoff(link.timing.ask_again_after, _MAX_RETRY_DELAY)
         """Pauses after failed requests."""
-        self._costs_link = False
+        self._loses_link = False
         """True if the link was lost during the last request, e.g. because a scene is too large."""
         self._not_before = -math.inf
         """Loop time before which maps and marks are not requested again."""
@@ -153,14 +153,14 @@ class RobotMaps:
         if is_other:
             self._scene, self._marks = scene.scene_name, None
             self._were_requested.clear()
-        if is_other or not self._costs_link:  # else the pauses go on growing over reconnects
+        if is_other or not self._loses_link:  # otherwise the pauses must grow on over reconnects
             self._request_soon()
         self._link.background.start(self._refresh(), self)
 
     def _request_soon(self) -> None:
         """Let the next request come without a pause."""
         self._retry.reset()
-        self._costs_link = False
+        self._loses_link = False
         self._not_before = -math.inf
 
     async def _refresh(self) -> None:
@@ -170,12 +170,12 @@ class RobotMaps:
             await asyncio.sleep(self._not_before - clock())
             try:
                 await self._link.wait_ready()
-                self._costs_link = False
+                self._loses_link = False
                 is_listed = await self.read()
                 is_complete = await self._read_marks(self._scene) and is_listed
             except LinkError as error:
                 is_complete = False
-                self._costs_link |= isinstance(error, ConnectionLostError)
+                self._loses_link |= isinstance(error, ConnectionLostError)
                 self._log.warn("maps", f"the maps and marks are unknown for now: {error}")
             self._were_requested.set()
             if is_complete:
